@@ -1,0 +1,56 @@
+"""The one vocabulary of events that every model, log reader and picture of the lab shares.
+
+An event is a row of six integers: ``time, kind, task, other, value, extra``. What the last three
+mean depends on the kind and is stated here, in one place. ``task`` and ``other`` are indices into
+`Trace.names` (-1: none); a task and a lock therefore share one name space.
+"""
+
+_ROWS = """
+switch             other: task switched out      value: current priority        extra: state of `other`, see STATES
+ready                                            value: current priority
+create                                           value: base priority
+done
+release                                          value: nominal release time    extra: job number from 0
+complete                                         value: absolute deadline or -1 extra: job number
+abort                                            value: absolute deadline or -1 extra: job number
+miss                                             value: absolute deadline       extra: job number
+begin              other: enclosing scope or -1
+end
+inherit            other: task that caused it    value: priority from now on    extra: base priority
+disinherit         other: mutex or -1            value: priority from now on    extra: priority before
+disinherit_timeout other: mutex or -1            value: priority from now on    extra: priority before
+prio_set           other: task whose base is set value: new base priority
+take               other: object                 value: count before
+take_block         other: object                 value: count before
+take_fail          other: object                 value: count before
+give               other: object                 value: count before
+give_fail          other: object                 value: count before
+send               other: queue                  value: items before            extra: item
+send_front         other: queue                  value: items before            extra: item
+overwrite          other: queue                  value: items before            extra: item
+send_block         other: queue                  value: items before
+send_fail          other: queue                  value: items before            extra: item
+recv               other: queue                  value: items before            extra: item
+recv_block         other: queue                  value: items before
+recv_fail          other: queue                  value: items before
+peek               other: queue                  value: items before            extra: item
+peek_block         other: queue                  value: items before
+peek_fail          other: queue                  value: items before
+notify             other: task notified          value: its count afterwards
+notify_take                                      value: count taken (0: none)
+notify_take_block
+delay                                            value: wake time
+delay_until                                      value: wake time               extra: 1 blocked, 0 late
+yield
+suspend            other: task suspended
+resume             other: task resumed
+isr                other: target or -1           value: its argument
+isr_end
+mark                                             value: free                    extra: free
+"""
+
+KINDS: tuple[str, ...] = tuple(line.split(maxsplit=1)[0] for line in _ROWS.split("\n") if line)
+CODE: dict[str, int] = {name: code for code, name in enumerate(KINDS)}
+
+#: States of a task as FreeRTOS names them; a `switch` row carries the index in `extra`.
+STATES: tuple[str, ...] = ("ready", "blocked", "suspended", "deleted", "running")

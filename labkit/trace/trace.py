@@ -1,0 +1,92 @@
+"""The trace: what happened, as columns. Every picture, statistic, check and export reads this type."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from labkit.trace.kinds import CODE, KINDS
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+COLUMNS = ("time", "kind", "task", "other", "value", "extra")
+
+
+@dataclass(frozen=True, eq=False)
+class Trace:
+    """Events in the order in which they happened, observed from `start` to `end`.
+
+    Attributes:
+        time, kind, task, other, value, extra: int64 arrays of shape (n,); `labkit.trace.kinds` says what each kind
+            puts into them. `time` never decreases.
+        names: tasks, locks, queues and scopes; `task` and `other` index it, -1 means none.
+        hz: time units per second, so 216_000_000 for CPU cycles, 1_000_000 for microseconds.
+        start, end: the observed interval, in time units; a run or span still open at `end` is cut there.
+    """
+
+    time: np.ndarray
+    kind: np.ndarray
+    task: np.ndarray
+    other: np.ndarray
+    value: np.ndarray
+    extra: np.ndarray
+    names: tuple[str, ...]
+    hz: int
+    start: int
+    end: int
+
+    @classmethod
+    def from_rows(cls, rows: Sequence[tuple[int, ...]], names: Iterable[str], hz: int, *, end: int, start: int = 0) -> Trace:
+        """Build a trace from tuples in the order of `COLUMNS`, already in order of time."""
+        table = np.array(rows, dtype=np.int64).reshape(-1, len(COLUMNS))
+        if np.any(np.diff(table[:, 0]) < 0):
+            at = int(np.argmax(np.diff(table[:, 0]) < 0)) + 1
+            raise ValueError(f"event {at} at time {table[at, 0]} comes after one at {table[at - 1, 0]}; a trace is in order of time")
+        return cls(*np.ascontiguousarray(table.T), names=tuple(names), hz=hz, start=start, end=end)
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    def rows(self, *kinds: str) -> np.ndarray:
+        """The events of these kinds (all of them if none is named) as an int64 array of shape (m, 6)."""
+        table = np.stack([getattr(self, name) for name in COLUMNS], axis=1)
+        return table[np.isin(self.kind, [CODE[k] for k in kinds])] if kinds else table
+
+    def code(self, name: str) -> int:
+        """Index of a task, lock, queue or scope in `names`; ValueError lists the names there are."""
+        try:
+            return self.names.index(name)
+        except ValueError:
+            raise ValueError(f"no {name!r} in this trace; it has {', '.join(self.names)}") from None
+
+    def frame(self, *kinds: str) -> pd.DataFrame:
+        """The events as a pandas frame with names in place of codes; `time` stays in time units."""
+        import pandas as pd
+
+        table = self.rows(*kinds)
+        names = np.array([*self.names, None], dtype=object)  # index -1 is the None
+        frame = pd.DataFrame(table, columns=list(COLUMNS))
+        frame["kind"] = np.array(KINDS, dtype=object)[table[:, 1]]
+        frame["task"], frame["other"] = names[table[:, 2]], names[table[:, 3]]
+        return frame
+
+    def seconds(self, time: np.ndarray | int) -> np.ndarray | float:
+        """Time units since the start of the recording, as seconds (for axes and reports, never for computing)."""
+        return (time - self.start) / self.hz
+
+    def window(self, start: int, end: int) -> Trace:
+        """The part from `start` (included) to `end` (excluded). Who runs at `start` is kept as a `switch` row at `start`."""
+        if not self.start <= start <= end <= self.end:
+            raise ValueError(f"window {start}..{end} is not inside the recording {self.start}..{self.end}")
+        table = self.rows()
+        keep = table[(self.time >= start) & (self.time < end)]
+        before = table[(self.time < start) & (self.kind == CODE["switch"])]
+        if len(before) and start < end:
+            first = before[-1].copy()
+            first[0], first[3], first[5] = start, -1, -1
+            keep = np.vstack([first, keep])
+        return Trace(*np.ascontiguousarray(keep.T), names=self.names, hz=self.hz, start=start, end=end)
