@@ -1,0 +1,141 @@
+"""The command line: every experiment without a notebook, and the models' file formats.
+
+Exit code 0: done; 1: an error in the input, told in one sentence on standard error; 2: wrong usage.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Sequence
+from dataclasses import asdict
+from typing import Any
+
+
+def _print_json(value: Any) -> None:
+    json.dump(value, sys.stdout, indent=1, ensure_ascii=False, default=lambda o: o.item() if hasattr(o, "item") else str(o))
+    print()
+
+
+def _list(args: argparse.Namespace) -> None:
+    from labkit.experiments import experiments
+
+    known = experiments()
+    if args.json:
+        _print_json({name: {"title": cls.title(), "parameters": {
+            p.name: {"default": p.default, "unit": p.unit, "allowed": p.allowed(), "doc": p.doc} for p in cls.parameters()}}
+            for name, cls in known.items()})
+        return
+    for name, cls in known.items():
+        print(f"{name}: {cls.title()}")
+        for p in cls.parameters():
+            print(f"    {p.name} = {p.default}   {p.doc} ({p.allowed()})")
+
+
+def _run(args: argparse.Namespace) -> None:
+    from labkit.experiment import ParameterError
+    from labkit.experiments import find
+
+    cls = find(args.name)
+    types = {p.name: p for p in cls.parameters()}
+    values = {}
+    for item in args.set:
+        key, equals, text = item.partition("=")
+        if not equals:
+            raise ParameterError(f"--set {item!r} has no '='; write --set name=value")
+        values[key] = _value(text, types[key]) if key in types else text
+    experiment = cls(**values)
+    metrics = experiment.metrics(experiment.run())
+    if args.json:
+        _print_json({"experiment": cls.name(), "parameters": experiment.model_dump(), "metrics": [asdict(m) for m in metrics]})
+        return
+    print(experiment.code())
+    for m in metrics:
+        published = "" if m.published is None else f"   (published: {m.published} {m.unit})"
+        print(f"    {m.name}: {m.text()}{published}{'   ' + m.note if m.note else ''}")
+
+
+def _value(text: str, parameter: Any) -> Any:
+    """Text of the command line as the parameter's type; what does not fit is left for the validation to name."""
+    if parameter.type is bool:
+        return {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}.get(text.lower(), text)
+    if parameter.type in (int, float):
+        try:
+            return parameter.type(text)
+        except ValueError:
+            return text
+    return text
+
+
+def _trace(args: argparse.Namespace) -> None:
+    from labkit.trace import export_chrome, export_csv, read_log, statistics
+
+    trace, report = read_log(args.log, clock_hz=args.clock_hz)
+    table = statistics(trace)
+    if args.export:
+        writers = {".json": export_chrome, ".csv": export_csv}
+        ending = args.export[args.export.rfind("."):]
+        if ending not in writers:
+            raise ValueError(f"--export {args.export}: the ending says the format, it is one of {', '.join(writers)}")
+        writers[ending](trace, args.export)
+    if args.json:
+        _print_json({"statistics": json.loads(table.to_json(orient="index")), "report": asdict(report)})
+        return
+    print(table.to_string(float_format=lambda x: f"{x:.3f}"))
+    print(report)
+
+
+def _replay(args: argparse.Namespace) -> None:
+    from labkit.scheduler import read_scenario, replay, write_events, write_timeline
+
+    run = replay(read_scenario(args.scenario))
+    if args.timeline:
+        write_timeline(run, args.timeline)
+    if args.events:
+        write_events(run, args.events)
+    for wait in run.deadlock:
+        print(f"deadlock: {wait}")
+
+
+def parser() -> argparse.ArgumentParser:
+    """The commands and their options."""
+    top = argparse.ArgumentParser(prog="labkit", description="The Real-Time Lab on the command line.")
+    commands = top.add_subparsers(dest="command", required=True, metavar="COMMAND")
+
+    def add(name: str, function: Any, text: str) -> argparse.ArgumentParser:
+        command = commands.add_parser(name, help=text, description=text)
+        command.set_defaults(function=function)
+        return command
+
+    c = add("list", _list, "list the experiments with their parameters")
+    c.add_argument("--json", action="store_true")
+    c = add("run", _run, "run one experiment and print its numbers")
+    c.add_argument("name")
+    c.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="a parameter; may be repeated")
+    c.add_argument("--json", action="store_true")
+    c = add("trace", _trace, "statistics of a log of '<name> <us> <0|1>' lines, and its repairs")
+    c.add_argument("log")
+    c.add_argument("--clock-hz", type=int, metavar="HZ", help="clock of the 32-bit cycle counter behind the stamps, to undo its wrap")
+    c.add_argument("--json", action="store_true")
+    c.add_argument("--export", metavar="OUT", help="OUT.json for Perfetto or chrome://tracing, OUT.csv for the events")
+    c = add("replay", _replay, "run a kernel scenario and write who ran when")
+    c.add_argument("scenario", metavar="SCENARIO.json")
+    c.add_argument("--timeline", metavar="T.csv", help="who consumed each tick: start,end,task")
+    c.add_argument("--events", metavar="E.csv", help="every kernel event: tick,event,task,detail")
+    return top
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Entry point of `labkit`."""
+    args = parser().parse_args(argv)
+    try:
+        args.function(args)
+    except (ValueError, OSError) as error:
+        print(f"labkit {args.command}: {error}", file=sys.stderr)
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
