@@ -6,31 +6,36 @@ NOTEBOOK ?= notebooks/00_start_here.ipynb
 
 # Jupyter keeps its settings, layouts and tokens inside the environment: nothing of the user's own set-up is read or written.
 JUPYTER_HOME := $(CURDIR)/$(VENV)/var/jupyter
-JUPYTER_ENV := JUPYTER_CONFIG_DIR=$(JUPYTER_HOME)/config JUPYTER_DATA_DIR=$(JUPYTER_HOME)/data \
-    JUPYTER_RUNTIME_DIR=$(JUPYTER_HOME)/runtime
+JUPYTER_ENV := JUPYTER_CONFIG_DIR="$(JUPYTER_HOME)/config" JUPYTER_DATA_DIR="$(JUPYTER_HOME)/data" \
+    JUPYTER_RUNTIME_DIR="$(JUPYTER_HOME)/runtime"
 # JupyterLab asks nobody outside this machine for news, updates or extensions.
 OFFLINE := --LabApp.news_url=None --LabApp.check_for_updates_class=jupyterlab.NeverCheckForUpdate \
     --LabApp.extension_manager=readonly
 AS_ROOT := $(if $(filter 0,$(shell id -u)),--allow-root)
 
-.PHONY: help lab test bench lock clean
+.PHONY: help lab test bench notebooks lock clean
 
 help:
-	@echo "make lab     install what is missing and open the lab (NOTEBOOK=notebooks/... opens another one)"
-	@echo "make test    install what is missing and run every test"
-	@echo "make bench   measure speed: simulation, start-up, slider to picture"
-	@echo "make lock    choose the newest allowed versions and write requirements.lock"
-	@echo "make clean   remove the environment and everything generated"
+	@echo "make lab         install what is missing and open the lab (NOTEBOOK=notebooks/... opens another one)"
+	@echo "make test        install what is missing and run every test"
+	@echo "make bench       measure speed: simulation, start-up, slider to picture"
+	@echo "make notebooks   run every notebook and store the text that its checked cells print, and nothing else"
+	@echo "make lock        choose the newest allowed versions and write requirements.lock"
+	@echo "make clean       remove the environment and everything generated"
 	@echo "PYTHON=python3.12 in front or behind chooses the interpreter (3.11 or newer)."
 
 lab: $(STAMP)
-	$(JUPYTER_ENV) $(VENV)/bin/python -m jupyterlab $(AS_ROOT) $(OFFLINE) --ServerApp.root_dir="$(CURDIR)" $(NOTEBOOK)
+	$(JUPYTER_ENV) $(VENV)/bin/python -m jupyterlab $(AS_ROOT) $(OFFLINE) \
+	    --ServerApp.root_dir="$(CURDIR)" --LabApp.default_url=/lab/tree/$(NOTEBOOK)
 
 test: $(STAMP)
 	$(VENV)/bin/python -m pytest
 
 bench: $(STAMP)
 	$(VENV)/bin/python -m pytest tests/bench tests/browser -o python_files='bench_*.py' --benchmark-only
+
+notebooks: $(STAMP)
+	$(VENV)/bin/python tests/notebooks/store_outputs.py
 
 # Locked packages with checked hashes first, then the lab itself, built with what is already there.
 $(STAMP): requirements.lock pyproject.toml | $(VENV)/bin/python

@@ -1,0 +1,237 @@
+"""What holds for the project as a whole: its floors, its files, its lock, its notebooks' form."""
+
+import ast
+import json
+import re
+import subprocess
+import sys
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+import yaml
+
+ROOT = Path(__file__).parents[1]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+MODULES = sorted(path.relative_to(ROOT) for path in (ROOT / "labkit").rglob("*.py"))
+NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
+
+# ---------------------------------------------------------------------------------------------------- floors of labkit
+
+#: Part of labkit -> its floor. Imports go down, or stay inside the part; a new part gets its line here.
+FLOOR = {
+    "experiment": 0, "trace": 0,
+    "scheduler": 1, "cache": 1, "sink": 1, "fusion": 1, "network": 1,
+    "robot": 2,
+    "figures": 3,
+    "experiments": 4,
+    "explore": 5, "__main__": 5,
+    "labkit": 6,  # the package's own __init__, which names everything and imports it when asked
+}  # fmt: skip
+MODELS = [part for part, floor in FLOOR.items() if floor in (1, 2)]
+#: Standing on the ground: the contract knows no other part, and models know nothing of experiments.
+STRANGERS = {(part, "experiment") for part in [*MODELS, "trace", "figures"]}
+#: Third-party module -> the declared dependency that brings it.
+BROUGHT_BY = {"typing_extensions": "pydantic", "IPython": "ipywidgets", "annotated_types": "annotated-types"}
+HEAVY = {"pandas", "scipy", "plotly", "ipywidgets", "filterpy", "matplotlib", "IPython"}
+
+
+def part(module: str) -> str:
+    """`labkit.scheduler.kernel` -> `scheduler`; the package itself is `labkit`."""
+    return (module.split(".") + ["labkit"])[1] if "." in module else "labkit"
+
+
+def imports(path: Path) -> Iterator[tuple[str, int, bool]]:
+    """Every imported module with its line and whether it is imported as soon as the file is."""
+    source = ast.parse((ROOT / path).read_text(encoding="utf-8"))
+    package = ".".join(path.with_suffix("").parts[:-1])
+
+    def walk(node: ast.AST, at_once: bool) -> Iterator[tuple[str, int, bool]]:
+        for child in ast.iter_child_nodes(node):
+            if isinstance(child, ast.Import):
+                yield from ((alias.name, child.lineno, at_once) for alias in child.names)
+            elif isinstance(child, ast.ImportFrom):
+                outer = package.rsplit(".", child.level - 1)[0] if child.level else ""
+                base = ".".join(filter(None, (outer, child.module)))
+                if base == "labkit":  # from labkit import scheduler
+                    yield from ((f"labkit.{alias.name}", child.lineno, at_once) for alias in child.names)
+                else:
+                    yield base, child.lineno, at_once
+            else:
+                later = isinstance(child, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda)
+                typing_only = isinstance(child, ast.If) and "TYPE_CHECKING" in ast.unparse(child.test)
+                yield from walk(child, at_once and not later and not typing_only)
+
+    return walk(source, True)
+
+
+def home(path: Path) -> str:
+    return part(".".join(path.with_suffix("").parts[:2])) if path != Path("labkit/__init__.py") else "labkit"
+
+
+@pytest.mark.parametrize("path", MODULES, ids=str)
+def test_imports_go_down_only(path):
+    here = home(path)
+    assert here in FLOOR, f"{path}: put {here!r} on a floor in this file"
+    for module, line, _ in imports(path):
+        there = part(module)
+        if module.split(".")[0] != "labkit" or there == here:
+            continue
+        assert there in FLOOR, f"{path}:{line}: labkit has no part {there!r}"
+        assert FLOOR[there] < FLOOR[here], f"{path}:{line}: {here} (floor {FLOOR[here]}) imports {there} (floor {FLOOR[there]})"
+        assert (here, there) not in STRANGERS, f"{path}:{line}: {here} knows nothing of {there}"
+
+
+@pytest.mark.parametrize("path", MODULES, ids=str)
+def test_pictures_and_widgets_stay_upstairs_and_heavy_packages_wait(path):
+    here = home(path)
+    for module, line, at_once in imports(path):
+        top = module.split(".")[0]
+        if top in ("ipywidgets", "anywidget", "IPython"):
+            assert here == "explore", f"{path}:{line}: only explore knows widgets"
+        if top == "plotly":
+            assert FLOOR[here] >= FLOOR["figures"], f"{path}:{line}: {here} draws nothing"
+            assert module != "plotly.express", f"{path}:{line}: plotly.express costs every start a quarter of a second"
+        if at_once and top in HEAVY:
+            assert here in ("explore", "figures"), f"{path}:{line}: import {top} in the function that needs it"
+
+
+@pytest.mark.parametrize("path", MODULES, ids=str)
+def test_every_foreign_import_is_a_declared_dependency(path):
+    """What loads with its module must be a dependency; what a function loads may also come from an extra."""
+    project = PROJECT["project"]
+    extras = [line for extra in project["optional-dependencies"].values() for line in extra]
+    for module, line, at_once in imports(path):
+        top = module.split(".")[0]
+        if top != "labkit" and top not in sys.stdlib_module_names:
+            declared = project["dependencies"] + ([] if at_once else extras)
+            names = {re.match(r"[\w-]+", requirement)[0] for requirement in declared}
+            assert BROUGHT_BY.get(top, top) in names, f"{path}:{line}: {top} is not in pyproject.toml"
+
+
+def test_the_floor_test_sees_what_it_must(tmp_path):
+    """The import reader itself: relative, nested, deferred and type-only imports."""
+    code = "\n".join([
+        "import numpy, labkit.trace", "from ..trace import Trace", "from . import rta", "from labkit import cache",
+        "if TYPE_CHECKING:", "    import pandas", "class A:", "    def f(self):", "        import scipy.stats",
+    ])  # fmt: skip
+    (tmp_path / "labkit").mkdir()
+    (tmp_path / "labkit" / "kernel.py").write_text(code, encoding="utf-8")
+    path = Path("labkit/scheduler/kernel.py")
+    (tmp_path / path).parent.mkdir()
+    (tmp_path / path).write_text(code, encoding="utf-8")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys.modules[__name__], "ROOT", tmp_path)
+        found = list(imports(path))
+    assert [(module, at_once) for module, _, at_once in found] == [
+        ("numpy", True), ("labkit.trace", True), ("labkit.trace", True), ("labkit.scheduler", True), ("labkit.cache", True),
+        ("pandas", False), ("scipy.stats", False),
+    ]  # fmt: skip
+    assert home(path) == "scheduler" and part("labkit.trace.kinds") == "trace" and part("labkit") == "labkit"
+
+
+def test_import_of_labkit_brings_nothing_heavy():
+    code = "import labkit, sys; print(*sorted({name.split('.')[0] for name in sys.modules}))"
+    loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
+    assert "labkit" in loaded
+    assert HEAVY.isdisjoint(loaded)
+
+
+# ------------------------------------------------------------------------------------------------------ files and lock
+
+
+def committed() -> list[str]:
+    """Paths of the committed files; skips the test where the lab was unpacked without its history."""
+    if not (ROOT / ".git").exists():
+        pytest.skip("not a git checkout, so there is no list of committed files")
+    run = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True, check=True)
+    return [name for name in run.stdout.split("\0") if name and (ROOT / name).exists()]
+
+
+def test_top_level_holds_only_what_belongs_there():
+    allowed = {"notebooks", "labkit", "data", "tests", "environment.yml", "README.md", "pyproject.toml", "requirements.lock"}
+    allowed |= {"Makefile", "LICENSE", ".ci", ".github", ".gitignore"}
+    assert {name.split("/")[0] for name in committed()} <= allowed
+
+
+def test_no_machine_path_and_no_registry_host_is_committed():
+    wrong = re.compile(r"(?<![\w.~/-])/(?:home|root|Users|work|mnt|opt)/\w|\b(?:pypi|pythonhosted|npmjs)\.\w|\w://\w+:\w+@")
+    found = []
+    for name in committed():
+        data = (ROOT / name).read_bytes()
+        if b"\0" not in data:
+            lines = data.decode("utf-8").splitlines()
+            found += [f"{name}:{n}: {line.strip()[:100]}" for n, line in enumerate(lines, start=1) if wrong.search(line)]
+    assert [line for line in found if "wrong = re.compile" not in line] == []
+
+
+def test_lock_holds_names_versions_markers_and_hashes_only():
+    lock = (ROOT / "requirements.lock").read_text(encoding="utf-8")
+    assert "://" not in lock
+    entry = r"[a-z0-9.-]+==[\w.+!]+(?: ; [\w. '\"<>=!()]+)?(?: \\\n    --hash=sha256:[0-9a-f]{64})+\n"
+    assert re.fullmatch(f"(?:{entry})+", lock), "every entry is name==version, a marker where needed, and its hashes"
+
+
+def test_lock_meets_every_requirement_of_the_project():
+    from packaging.requirements import Requirement
+    from packaging.utils import canonicalize_name
+
+    locked = dict(re.findall(r"^([a-z0-9.-]+)==(\S+)", (ROOT / "requirements.lock").read_text(encoding="utf-8"), flags=re.M))
+    wanted = [*PROJECT["project"]["dependencies"], *PROJECT["dependency-groups"]["build"]]
+    wanted += [line for extra in PROJECT["project"]["optional-dependencies"].values() for line in extra]
+    for requirement in map(Requirement, wanted):
+        version = locked.get(canonicalize_name(requirement.name), "none")
+        assert version != "none" and requirement.specifier.contains(version), f"{requirement}, locked: {version}; run `make lock`"
+    assert PROJECT["build-system"]["requires"] == PROJECT["dependency-groups"]["build"]
+
+
+def test_conda_environment_takes_its_packages_from_pyproject():
+    environment = yaml.safe_load((ROOT / "environment.yml").read_text(encoding="utf-8"))
+    python = "python" + PROJECT["project"]["requires-python"]
+    assert environment["dependencies"] == [python, "pip", {"pip": ["-e ."]}]
+    assert environment["channels"] == ["conda-forge"]
+    assert set(environment) == {"name", "channels", "dependencies"}
+
+
+# ----------------------------------------------------------------------------------------------------------- notebooks
+
+
+def cells(path: Path, kind: str) -> list[dict]:
+    return [cell for cell in json.loads(path.read_text(encoding="utf-8"))["cells"] if cell["cell_type"] == kind]
+
+
+def test_notebooks_are_numbered_without_gaps_and_begin_at_the_start():
+    names = [path.name for path in NOTEBOOKS]
+    assert names and names[0] == "00_start_here.ipynb"
+    assert [name[:3] for name in names] == [f"{number:02d}_" for number in range(len(names))]
+    assert all(re.fullmatch(r"\d\d_[a-z0-9_]+\.ipynb", name) for name in names)
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_notebook_stores_no_state_and_no_picture(path):
+    notebook = json.loads(path.read_text(encoding="utf-8"))
+    assert "widgets" not in notebook["metadata"]
+    assert notebook["metadata"].get("kernelspec", {}).get("name") == "python3"
+    for number, cell in enumerate(cells(path, "code"), start=1):
+        where = f"{path.name}, code cell {number}"
+        compared = "NBVAL_CHECK_OUTPUT" in "".join(cell["source"])  # nbval compares only a cell that counts as run
+        assert compared == bool(cell["outputs"]), f"{where}: an output is stored if and only if nbval compares it"
+        assert cell["execution_count"] == (1 if compared else None), f"{where}: run `make notebooks`"
+        for output in cell["outputs"]:
+            assert output["output_type"] in ("stream", "execute_result", "display_data"), f"{where} stores an error"
+            assert set(output.get("data", {"text/plain": ""})) == {"text/plain"}, f"{where} stores more than text"
+        assert len(json.dumps(cell["outputs"])) < 4000, f"{where} stores a long output"
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_notebook_is_prose_and_short_cells(path):
+    code = ["".join(cell["source"]) for cell in cells(path, "code")]
+    assert code[0].startswith("from labkit import")
+    for number, source in enumerate(code, start=1):
+        where = f"{path.name}, code cell {number}"
+        assert source.count("\n") < 15, f"{where} is longer than 15 lines"
+        assert not re.search(r"^\s*(class|global)\s|\.observe\(", source, flags=re.M), f"{where}: this belongs into labkit"
+        assert not re.search(r"NBVAL_(IGNORE|SKIP|RAISES)", source), f"{where} hides from the tests"
+    first = "".join(cells(path, "markdown")[0]["source"]).splitlines()[0]
+    assert first.startswith("# "), f"{path.name} has no title"
