@@ -1,0 +1,21 @@
+"""Caches: a set-associative cache that holds bytes, the memory and DMA master around it, counts, and time.
+
+`Cache` over `stm32f767()` memory shows what the CPU and a `Dma` really see; `count_trace` counts long traces; `patterns` makes
+traces; `timing` turns counts into cycles; `violations` finds where a program read a byte that was not the latest one.
+"""
+
+from labkit.cache.cache import Cache
+from labkit.cache.counting import COUNTS, count, count_trace
+from labkit.cache.dma import Dma
+from labkit.cache.folds import MissClasses, counts, miss_classes, references_of, replay, timeline
+from labkit.cache.geometry import DCACHE, ICACHE, Geometry
+from labkit.cache.memory import Attribute, Memory, MpuRegion, Region
+from labkit.cache.records import Access, Operation, Transfer, data_of
+from labkit.cache.references import References, TraceFileError, read_trace
+from labkit.cache.stm32f767 import SOURCE1_MPU, stm32f767
+
+__all__ = [
+    "COUNTS", "DCACHE", "ICACHE", "SOURCE1_MPU", "Access", "Attribute", "Cache", "Dma", "Geometry", "Memory", "MissClasses", "MpuRegion",
+    "Operation", "References", "Region", "TraceFileError", "Transfer", "count", "count_trace", "counts", "data_of", "miss_classes",
+    "read_trace", "references_of", "replay", "stm32f767", "timeline",
+]
