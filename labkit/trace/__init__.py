@@ -1,5 +1,12 @@
 """What happened: one columnar trace type, readers of logs, statistics, exporters."""
 
+from labkit.trace.export import export_chrome, export_csv, read_csv
+from labkit.trace.log import LogError, Problem, Report, read_log
+from labkit.trace.spans import spans
+from labkit.trace.statistics import describe, statistics
 from labkit.trace.trace import Trace
 
-__all__ = ["Trace"]
+__all__ = [
+    "LogError", "Problem", "Report", "Trace",
+    "describe", "export_chrome", "export_csv", "read_csv", "read_log", "spans", "statistics",
+]  # fmt: skip

@@ -64,14 +64,15 @@ class Trace:
             raise ValueError(f"no {name!r} in this trace; it has {', '.join(self.names)}") from None
 
     def frame(self, *kinds: str) -> pd.DataFrame:
-        """The events as a pandas frame with names in place of codes; `time` stays in time units."""
+        """The events as a pandas frame, names in place of codes and None for -1; `time` stays in time units."""
         import pandas as pd
 
         table = self.rows(*kinds)
         names = np.array([*self.names, None], dtype=object)  # index -1 is the None
         frame = pd.DataFrame(table, columns=list(COLUMNS))
         frame["kind"] = np.array(KINDS, dtype=object)[table[:, 1]]
-        frame["task"], frame["other"] = names[table[:, 2]], names[table[:, 3]]
+        for column in ("task", "other"):  # as object: pandas would turn None into NaN in one column and not in another
+            frame[column] = pd.Series(names[frame[column]], dtype=object)
         return frame
 
     def seconds(self, time: np.ndarray | int) -> np.ndarray | float:

@@ -1,0 +1,187 @@
+"""Spans: from begin to end of a task's run or of a scope, how they nest, and what each used for itself.
+
+A log and a simulation meet here: both become begin and end events, so one set of statistics and one picture serve both.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from labkit.trace.kinds import CODE
+from labkit.trace.trace import Trace
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+class Pairs(NamedTuple):
+    """Positions of matching events: `begin[i]` (-1: before the recording) belongs to `end[i]` (-1: after it)."""
+
+    begin: np.ndarray
+    end: np.ndarray
+    lost: np.ndarray  # positions of events whose partner is missing in the middle of the recording
+
+
+class Nesting(NamedTuple):
+    """Per span: index of the enclosing span (-1: none), number of spans around it, and time used by itself alone."""
+
+    parent: np.ndarray
+    depth: np.ndarray
+    self: np.ndarray
+
+
+def pair(name: np.ndarray, begin: np.ndarray) -> Pairs:
+    """Match each begin with the next event of the same name, if that is an end.
+
+    A name whose first event is an end was open when the recording started, one whose last event is a begin was open
+    when it stopped: these spans are cut. Any other begin or end without a partner is lost. A name does not nest in
+    itself, because a lost end is far more common in a log than a recursive scope.
+
+    Args:
+        name, begin: arrays of shape (n,), the events in order of time; `begin` is True for a begin.
+    """
+    order = np.argsort(name, kind="stable")
+    sorted_name, opens = name[order], begin[order].astype(bool)
+    change = sorted_name[1:] != sorted_name[:-1]
+    first = np.concatenate([[True], change])[: len(order)]
+    last = np.concatenate([change, [True]])[-len(order):] if len(order) else first
+    ended = np.zeros(len(order), bool)  # a begin directly followed by an end of its own name
+    ended[:-1] = opens[:-1] & ~opens[1:] & ~change
+    closing = np.zeros(len(order), bool)
+    closing[1:] = ended[:-1]
+    before, after = ~opens & first, opens & last
+    at = np.flatnonzero(ended)
+    lost = ~(ended | closing | before | after)
+    outside = np.full(len(order), -1)
+    return Pairs(
+        begin=np.concatenate([order[at], outside[: before.sum()], order[after]]),
+        end=np.concatenate([order[at + 1], order[before], outside[: after.sum()]]),
+        lost=np.sort(order[lost]),
+    )
+
+
+def nest(name: np.ndarray, opened: np.ndarray, closed: np.ndarray, begin: np.ndarray, end: np.ndarray) -> Nesting:
+    """Who encloses whom, and exclusive times, by one walk over the events with a stack of open spans.
+
+    The innermost open span owns the CPU. When a span ends while others inside it are still open, and the same name begins
+    again before they end, then it was a task switched out in the middle of its scopes: they sleep until it runs again.
+
+    Args:
+        name: per span, shape (n,).
+        opened, closed: per span the order of its begin and end among all events; equal keys are begins before the recording
+            or ends after it, which open outermost first and close innermost first.
+        begin, end: per span, times.
+    """
+    count = len(name)
+    span = np.tile(np.arange(count), 2)
+    key = np.concatenate([opened, closed])
+    tie = -np.concatenate([closed, opened])
+    order = np.lexsort((tie, key))
+    place = np.empty(2 * count, np.int64)
+    place[order] = np.arange(2 * count)
+    close = place[count:].tolist()
+
+    by_name = np.lexsort((opened, name))  # the next span of the same name
+    again_at = np.full(count, 2 * count)
+    same = name[by_name[1:]] == name[by_name[:-1]]
+    again_at[by_name[:-1][same]] = place[by_name[1:][same]]
+    again, names = again_at.tolist(), name.tolist()
+
+    parent, depth, own = [-1] * count, [0] * count, [0] * count
+    stack: list[int] = []
+    asleep: dict[int, list[int]] = {}
+    before = 0
+    for s, is_end, now in zip(span[order].tolist(), (order >= count).tolist(), np.concatenate([begin, end])[order].tolist()):
+        if stack:
+            own[stack[-1]] += now - before
+        before = now
+        if not is_end:
+            parent[s] = stack[-1] if stack else -1
+            depth[s] = len(stack)
+            stack.append(s)
+            if asleep:
+                stack += asleep.pop(names[s], [])
+        elif stack[-1] == s:
+            stack.pop()
+        else:
+            at = stack.index(s)
+            inside = stack[at + 1:]
+            stack[at:] = [c for c in inside if close[c] < again[s]]
+            if sleeping := [c for c in inside if close[c] > again[s]]:
+                asleep[names[s]] = sleeping
+    return Nesting(np.array(parent, np.int64), np.array(depth, np.int64), np.array(own, np.int64))
+
+
+def spans(trace: Trace) -> pd.DataFrame:
+    """One row per span of a log or a simulation, in order of `start`.
+
+    Begin and end rows give one span per pair; `switch` rows give one span per run of a task on the CPU, from when it is switched
+    in to when another is (runs that used no time are left out); `isr` and `isr_end` rows one per interrupt.
+
+    Columns:
+        name: task, interrupt or scope; start, end: time units of the trace; duration: end - start.
+        self: the part of the duration in which no span inside was open, and the task that the span belongs to was not
+            switched out; the selfs of all spans never overlap.
+        depth: number of spans open around it at its start (0: none).
+        complete: False if the edge of the recording cut it, so that its true duration is unknown.
+    """
+    import pandas as pd
+
+    table = _span_table(trace)
+    order = np.lexsort((table["depth"], table["opened"], table["start"]))
+    columns = {key: table[key][order] for key in ("start", "end", "duration", "self", "depth", "complete")}
+    names = np.array([*trace.names, None], dtype=object)[table["name"][order]]
+    return pd.DataFrame({"name": pd.Series(names, dtype=object), **columns})
+
+
+def _span_table(trace: Trace) -> dict[str, np.ndarray]:
+    """The columns of `spans` as arrays, names as codes, in no particular order."""
+    runs = _runs(trace)
+    kinds = runs, _paired(trace, "begin", "end"), _paired(trace, "isr", "isr_end")
+    name, opened, closed, begin, end, complete = (np.concatenate(parts) for parts in zip(*kinds))
+    nesting = nest(name, opened, closed, begin, end)
+    return {
+        "name": name, "start": begin, "end": end, "duration": end - begin, "self": nesting.self, "depth": nesting.depth,
+        "complete": complete, "opened": opened, "run": np.arange(len(name)) < len(runs[0]),
+    }  # fmt: skip
+
+
+def _paired(trace: Trace, begin: str, end: str) -> tuple[np.ndarray, ...]:
+    rows = np.flatnonzero(((trace.kind == CODE[begin]) | (trace.kind == CODE[end])) & (trace.task >= 0))
+    pairs = pair(trace.task[rows], trace.kind[rows] == CODE[begin])
+    if begin == "isr":  # an interrupt of no length is recorded without an end; it is not open for ever
+        both = (pairs.begin >= 0) & (pairs.end >= 0)
+        pairs = Pairs(pairs.begin[both], pairs.end[both], pairs.lost)
+    cut_before, cut_after = pairs.begin < 0, pairs.end < 0
+    first, last = rows[pairs.begin] if len(rows) else rows, rows[pairs.end] if len(rows) else rows
+    return (
+        trace.task[np.where(cut_before, last, first)],
+        np.where(cut_before, -1, 2 * first + 1),
+        np.where(cut_after, 2 * len(trace) + 1, 2 * last + 1),
+        np.where(cut_before, trace.start, trace.time[first]),
+        np.where(cut_after, trace.end, trace.time[last]),
+        ~(cut_before | cut_after),
+    )
+
+
+def _runs(trace: Trace) -> tuple[np.ndarray, ...]:
+    """From `switch` to `switch`; the end of one run (even key) comes before the begin of the next (odd key)."""
+    rows = np.flatnonzero(trace.kind == CODE["switch"])
+    last = np.ones(len(rows), bool)  # the last decision of an instant counts
+    last[:-1] = trace.time[rows[1:]] > trace.time[rows[:-1]]
+    rows = rows[last]
+    task = trace.task[rows]
+    change = np.ones(len(rows), bool)
+    change[1:] = task[1:] != task[:-1]
+    rows, task = rows[change], task[change]
+    begin = trace.time[rows]
+    end = np.append(begin[1:], trace.end)[: len(rows)]
+    opened, closed = 2 * rows + 1, np.append(2 * rows[1:], 2 * len(trace) + 1)[: len(rows)]
+    complete = np.ones(len(rows), bool)
+    complete[-1:] = False
+    if len(rows) and trace.start > 0 and begin[0] == trace.start and trace.other[rows[0]] < 0:
+        complete[0] = False  # the first row of a window: the run began before it
+    keep = (task >= 0) & (end > begin)
+    return tuple(column[keep] for column in (task, opened, closed, begin, end, complete))
