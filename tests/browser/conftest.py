@@ -1,0 +1,192 @@
+"""JupyterLab in a real browser: a server on a copy of the notebooks, Chromium, and a notebook to drive.
+
+Every request that would leave this machine is refused, and the test that caused it fails.
+"""
+
+import json
+import os
+import re
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import time
+import urllib.request
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+from playwright.sync_api import Browser, Locator, Page, WebSocket, sync_playwright
+
+NOTEBOOKS = Path(__file__).parents[2] / "notebooks"
+TOKEN = "browser-tests"
+HERE_ONLY = re.compile(r"^(https?|wss?)://127\.0\.0\.1:")
+
+FLAGS = [  # as root and without a graphics card; quiet towards the network
+    "--no-sandbox", "--disable-gpu", "--enable-unsafe-swiftshader", "--disable-dev-shm-usage", "--no-first-run", "--disable-sync",
+    "--disable-quic", "--disable-background-networking", "--disable-component-update",
+    "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1",
+]  # fmt: skip
+SETTINGS = {  # every cell stays in the page, no dialog comes up, nothing is asked outside
+    "notebook-extension/tracker": {"windowingMode": "none"},
+    "docmanager-extension/plugin": {"autosave": False},
+    "apputils-extension/notification": {"fetchNews": "false", "checkForUpdates": False},
+}
+
+_CURRENT = "const widget = window.jupyterapp?.shell?.currentWidget, session = widget?.sessionContext;"
+#: The notebook is there and its kernel answers. The status bar says idle before there is a kernel, so it is not asked.
+READY = f"""() => {{ {_CURRENT}
+    return widget?.context?.isReady && session?.isReady && session.session?.kernel?.status === 'idle'
+        && session.session.kernel.connectionStatus === 'connected' }}"""
+#: false while cells run, then 'ok' or the list of errors that cells show.
+DONE = f"""() => {{ {_CURRENT}
+    const cells = widget.content.widgets.map(cell => cell.model).filter(m => m.type === 'code' && m.sharedModel.source.trim());
+    const errors = cells.flatMap(m => m.sharedModel.outputs).filter(o => o.output_type === 'error');
+    if (errors.length) return errors.map(o => o.ename + ': ' + o.evalue);
+    return session.session?.kernel?.status === 'idle'
+        && cells.every(m => m.executionCount !== null && m.executionState !== 'running') ? 'ok' : false }}"""
+#: Not awaited: an evaluation in the page has no time-out. Outputs go first, else a second run looks done at once.
+RUN_ALL = """() => { const commands = window.jupyterapp.commands;
+    commands.execute('notebook:clear-all-cell-outputs').then(() => { commands.execute('notebook:run-all-cells') }) }"""
+SHUT_DOWN = "() => { window.jupyterapp?.shell?.currentWidget?.sessionContext?.shutdown() }"
+
+
+class Lab(NamedTuple):
+    """A running JupyterLab: its address and the folder it serves."""
+
+    url: str
+    root: Path
+
+
+class Notebook:
+    """An open notebook. `external` lists the requests that were refused because they would have left this machine."""
+
+    def __init__(self, page: Page, external: list[str], shots: Path) -> None:
+        self.page, self.external, self._shots = page, external, shots
+
+    def run_all(self, timeout: float = 60_000) -> None:
+        """Run all cells and wait; fails with the errors the cells show. `timeout` in ms."""
+        self.page.evaluate(RUN_ALL)
+        outcome = self.page.wait_for_function(DONE, timeout=timeout, polling=100).json_value()
+        assert outcome == "ok", outcome
+
+    def cell(self, index: int) -> Locator:
+        """Cell by its place in the notebook, text cells counted too, from 0."""
+        return self.page.locator(".jp-NotebookPanel:not(.lm-mod-hidden) .jp-Notebook .jp-Cell").nth(index)
+
+    def slider(self, css: str, key: str | None = None) -> Locator:
+        """The handle of the slider inside `css`, focused; presses `key` on it if one is named (`ArrowRight`)."""
+        handle = self.page.locator(f"{css} .noUi-handle")
+        handle.focus()
+        if key:
+            handle.press(key)
+        return handle
+
+    def figure(self, index: int = 0) -> Locator:
+        """The plotly figure by its place in the page, once it is drawn."""
+        figure = self.page.locator(".js-plotly-plot").nth(index)
+        figure.locator(".main-svg").first.wait_for()
+        return figure
+
+    def screenshot(self, name: str) -> Path:
+        """Save what is on the screen as NAME.png in the folder LAB_SHOTS, or in the test's own."""
+        path = self._shots / f"{name}.png"
+        self.page.screenshot(path=path)
+        return path
+
+
+def chromium_path() -> str | None:
+    """CHROMIUM, or the first browser of the family on the PATH."""
+    named = os.environ.get("CHROMIUM")
+    return named or next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+
+
+@pytest.fixture(scope="session")
+def chromium() -> Iterator[Browser]:
+    path = chromium_path()
+    if path is None:
+        pytest.skip("no Chromium found: install it (Debian: apt-get install chromium) or name it in CHROMIUM")
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=path, args=FLAGS)
+        yield browser
+        browser.close()
+
+
+@pytest.fixture(scope="session")
+def lab(chromium: Browser, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Lab]:
+    """JupyterLab on 127.0.0.1 with a home folder of its own, serving a copy of the notebooks."""
+    home = tmp_path_factory.mktemp("lab")
+    root = home / "notebooks"
+    shutil.copytree(NOTEBOOKS, root, ignore=shutil.ignore_patterns(".ipynb_checkpoints"))
+    for name, value in SETTINGS.items():
+        file = home / "settings" / "@jupyterlab" / f"{name}.jupyterlab-settings"
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(json.dumps(value), encoding="utf-8")
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    command = [sys.executable, "-m", "jupyterlab", "--no-browser", "--ip=127.0.0.1", f"--port={port}", "--ServerApp.port_retries=0"]
+    command += [f"--IdentityProvider.token={TOKEN}", f"--ServerApp.root_dir={root}", "--expose-app-in-browser", "--allow-root"]
+    command += ["--LabApp.extension_manager=readonly"]
+    folders = {"JUPYTER_CONFIG_DIR": "config", "JUPYTER_DATA_DIR": "data", "JUPYTER_RUNTIME_DIR": "runtime", "IPYTHONDIR": "ipython"}
+    folders |= {"JUPYTERLAB_SETTINGS_DIR": "settings", "JUPYTERLAB_WORKSPACES_DIR": "workspaces", "HOME": "."}
+    environment = os.environ | {variable: str(home / folder) for variable, folder in folders.items()}
+    log = home / "lab.log"
+    with log.open("w") as output:
+        server = subprocess.Popen(command, env=environment, stdout=output, stderr=subprocess.STDOUT, start_new_session=True)
+    try:
+        url = f"http://127.0.0.1:{port}"
+        _wait_for(f"{url}/api/status?token={TOKEN}", server, log)
+        yield Lab(url, root)
+    finally:
+        server.send_signal(signal.SIGTERM)  # the server stops its kernels, then itself
+        try:
+            server.wait(20)
+        except subprocess.TimeoutExpired:
+            os.killpg(server.pid, signal.SIGKILL)
+
+
+def _wait_for(url: str, server: subprocess.Popen, log: Path) -> None:
+    end = time.monotonic() + 60
+    while True:
+        try:
+            urllib.request.urlopen(url, timeout=2).close()
+            return
+        except OSError:
+            assert server.poll() is None and time.monotonic() < end, log.read_text()
+            time.sleep(0.1)
+
+
+@pytest.fixture
+def open_notebook(lab: Lab, chromium: Browser, tmp_path: Path) -> Iterator[Callable[[str | Path], Notebook]]:
+    """`open_notebook("01_priority_inversion.ipynb")`, or the path of any other notebook: opens a fresh copy of it."""
+    context = chromium.new_context(viewport={"width": 1600, "height": 900})
+    external: list[str] = []
+    shots = Path(os.environ.get("LAB_SHOTS", tmp_path))
+    shots.mkdir(parents=True, exist_ok=True)
+
+    def refuse(route) -> None:
+        external.append(route.request.url)
+        route.abort()
+
+    def watch(socket: WebSocket) -> None:
+        if not HERE_ONLY.match(socket.url):
+            external.append(socket.url)
+
+    def opener(notebook: str | Path) -> Notebook:
+        shutil.copy(NOTEBOOKS / notebook, lab.root)
+        page = context.new_page()
+        page.route(re.compile(r"^https?://(?!127\.0\.0\.1:)"), refuse)
+        page.on("websocket", watch)
+        page.goto(f"{lab.url}/lab/tree/{Path(notebook).name}?token={TOKEN}&reset", wait_until="domcontentloaded")
+        page.wait_for_function(READY, timeout=60_000, polling=100)
+        page.wait_for_selector("#jupyterlab-splash", state="detached")
+        return Notebook(page, external, shots)
+
+    yield opener
+    for page in context.pages:
+        page.evaluate(SHUT_DOWN)  # else kernels pile up until the session ends
+    context.close()
+    assert external == [], "the notebook asked for something outside this machine"
