@@ -9,16 +9,14 @@ from importlib import import_module
 from typing import Any
 
 _HOME = {
-    "explore": "labkit.explore", "predict": "labkit.explore",
+    "explore": "labkit.bench", "predict": "labkit.bench",
     "Experiment": "labkit.experiment", "Metric": "labkit.experiment", "ParameterError": "labkit.experiment", "Verdict": "labkit.experiment",
-    "experiments": "labkit.experiments", "trace": "labkit.trace", "scheduler": "labkit.scheduler",
 }
 
 
 def __getattr__(name: str) -> Any:
     if name in _HOME:
-        module = import_module(_HOME[name])
-        return module if name in ("trace", "scheduler") else getattr(module, name)
+        return getattr(import_module(_HOME[name]), name)
     experiments = import_module("labkit.experiments")
     if name in experiments.MODULES:
         return getattr(experiments, name)

@@ -8,7 +8,7 @@
         def figure(self, result): return {"data": [...], "layout": {...}}
         def metrics(self, result): return [Metric("distance", result, "mm")]
 
-From this declaration follow the widgets (`labkit.explore`), the command line (`labkit run braking --set speed=300`),
+From this declaration follow the widgets (`labkit.bench`), the command line (`labkit run braking --set speed=300`),
 validation with errors that name field, bound and unit, the hypothesis strategy for tests, and sweeps.
 """
 

@@ -10,7 +10,7 @@ from hypothesis import given
 from typing_extensions import Doc
 
 from labkit.experiment import Experiment, Metric, ParameterError, progress
-from labkit.explore import changes, explore, metrics_html
+from labkit.bench import changes, explore, metrics_html
 
 
 class Braking(Experiment):

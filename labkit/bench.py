@@ -20,7 +20,7 @@ from labkit.experiment import Experiment, Metric, Parameter, ParameterError, Sup
 
 STYLE = """<style>
 .lab-bench {border: 1px solid #d0d7de; border-radius: 8px; padding: 10px 14px; overflow: hidden;}
-.lab-bench .lab-controls {gap: 2px 26px;}
+.lab-bench .lab-controls {gap: 0 18px; overflow: hidden;}
 .lab-bench .widget-label, .lab-bench .widget-readout {font-size: 15px;}
 .lab-bench .lab-metrics {display: flex; flex-wrap: wrap; gap: 8px; line-height: 1.25;}
 .lab-bench .lab-metric {border-left: 5px solid #8c959f; background: #f6f8fa; padding: 4px 12px; border-radius: 4px;}
@@ -34,6 +34,8 @@ STYLE = """<style>
 .lab-lecture .lab-metric b {font-size: 30px;}
 .lab-lecture .lab-metric span {font-size: 18px;}
 .lab-lecture .lab-code {font-size: 18px;}
+.lab-lecture .lab-controls {grid-template-columns: repeat(auto-fill, minmax(560px, 1fr));}
+.lab-lecture .widget-label {min-width: 270px;}
 .lab-lecture .noUi-handle {transform: scale(1.5);}
 .lab-lecture .widget-hslider, .lab-lecture .widget-dropdown, .lab-lecture .widget-checkbox {height: 40px; line-height: 40px;}
 </style>"""
@@ -46,7 +48,7 @@ def control(p: Parameter, value: Any) -> w.Widget:
     """The widget for one parameter: slider for a number, drop-down for a choice, box for a switch, field for text."""
     unit = f" [{p.unit}]" if p.unit else ""
     common: dict[str, Any] = {"value": value, "description": p.label + unit, "tooltip": p.doc,
-                              "style": {"description_width": "210px"}, "layout": w.Layout(width="480px")}
+                              "style": {"description_width": "190px"}, "layout": w.Layout(width="auto")}
     if p.choices:
         labels = p.labels or {}
         made: w.Widget = w.Dropdown(options=[(str(labels.get(c, c)), c) for c in p.choices], **common)
@@ -59,7 +61,7 @@ def control(p: Parameter, value: Any) -> w.Widget:
         digits = max(0, -int(np.floor(np.log10(step) + 1e-9))) if step < 1 else 0
         made = w.FloatSlider(min=p.low, max=p.high, step=step, readout_format=f".{digits}f", **common)
     else:
-        common["layout"] = w.Layout(width="760px")
+        common["layout"] = w.Layout(width="auto", grid_column="1 / -1")
         made = w.Text(continuous_update=False, **common)
     made.add_class(f"lab-{p.name.replace('_', '-')}")
     return made
@@ -123,7 +125,8 @@ class Bench(w.VBox):
         lecture.add_class("lab-lecture-switch")
         lecture.observe(lambda change: self._enlarge(change["new"]), names="value")
         self.figure = go.FigureWidget()
-        controls = w.Box(list(self.controls.values()), layout=w.Layout(flex_flow="row wrap"))
+        self.figure._config = {**self.figure._config, "responsive": True, "displaylogo": False}
+        controls = w.GridBox(list(self.controls.values()), layout=w.Layout(grid_template_columns="repeat(auto-fill, minmax(390px, 1fr))"))
         controls.add_class("lab-controls")
         bar = w.HBox([reset, lecture, self._progress, self._code], layout=w.Layout(align_items="center"))
         super().__init__([w.HTML(STYLE), controls, self._error, self._metrics, self.figure, bar])
@@ -198,6 +201,7 @@ class Bench(w.VBox):
         scale = LECTURE_SCALE if self._lecture else 1.0
         layout = dict(spec["layout"])
         layout["font"] = {**layout.get("font", {}), "size": round(FONT * scale)}
+        layout["autosize"] = True
         layout["height"] = round(layout.get("height", 460) * (1.2 if self._lecture else 1))
         return {"data": spec["data"], "layout": layout}
 
