@@ -1,0 +1,18 @@
+"""The FreeRTOS kernel as a model, its scenarios and reports, and the analysis of task sets beside it."""
+
+from labkit.scheduler.kernel import Costs, Kernel
+from labkit.scheduler.run import Run, TaskInfo, Wait
+from labkit.scheduler.scenario import Scenario, read_scenario, replay, write_events, write_timeline
+
+__all__ = [
+    "Costs",
+    "Kernel",
+    "Run",
+    "Scenario",
+    "TaskInfo",
+    "Wait",
+    "read_scenario",
+    "replay",
+    "write_events",
+    "write_timeline",
+]

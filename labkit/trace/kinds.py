@@ -44,9 +44,10 @@ delay_until                                      value: wake time               
 yield
 suspend            other: task suspended
 resume             other: task resumed
-isr                other: target or -1           value: its argument
+isr                other: target or -1           value: its argument            extra: index into ISR_OPS
 isr_end
 mark                                             value: free                    extra: free
+overhead                                         value: time the kernel takes   extra: index into OVERHEADS
 """
 
 KINDS: tuple[str, ...] = tuple(line.split(maxsplit=1)[0] for line in _ROWS.split("\n") if line)
@@ -54,3 +55,9 @@ CODE: dict[str, int] = {name: code for code, name in enumerate(KINDS)}
 
 #: States of a task as FreeRTOS names them; a `switch` row carries the index in `extra`.
 STATES: tuple[str, ...] = ("ready", "blocked", "suspended", "deleted", "running")
+
+#: What an interrupt handler does; an `isr` row carries the index in `extra`. Its `task` is the one interrupted.
+ISR_OPS: tuple[str, ...] = ("notify_give", "give", "send", "resume")
+
+#: What the kernel spends time on, from the time of an `overhead` row; `task` is the one that has to wait meanwhile.
+OVERHEADS: tuple[str, ...] = ("tick", "switch", "service", "isr")

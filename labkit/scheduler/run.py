@@ -1,0 +1,82 @@
+"""What a simulation of the kernel leaves behind: the trace, the tasks, and who is stuck."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from labkit.scheduler.objects import BLOCKED, DELETED, Task
+from labkit.trace.trace import COLUMNS, Trace
+
+
+@dataclass(frozen=True)
+class TaskInfo:
+    """A task as it was created: number from 1 in order of creation, base priority, relative deadline in cycles, stack words free."""
+
+    name: str
+    number: int
+    priority: int
+    deadline: int | None = None
+    stack_free: int | None = None
+
+
+@dataclass(frozen=True)
+class Wait:
+    """A task waits for ever for an object; `holder` has it, if it is a mutex."""
+
+    task: str
+    object: str
+    holder: str | None = None
+
+    def __str__(self) -> str:
+        return f"{self.task} waits for {self.object}" + (f", held by {self.holder}" if self.holder else "")
+
+
+@dataclass(frozen=True)
+class Run:
+    """A finished simulation.
+
+    Attributes:
+        trace: all events from 0 to the end, in CPU cycles.
+        tasks: the tasks in order of creation, the idle task last.
+        tick: CPU cycles per tick.
+        deadlock: the waits without time-out that can never end: those around a circle of mutexes; or, if there is no circle but
+            every task that has not ended waits for ever and no interrupt is due, all of them. Empty if there is neither.
+    """
+
+    trace: Trace
+    tasks: tuple[TaskInfo, ...]
+    tick: int
+    deadlock: tuple[Wait, ...] = ()
+
+
+def find_deadlock(tasks: Iterable[Task], interrupts_due: bool) -> tuple[Wait, ...]:
+    """The waits of a deadlock, see `Run.deadlock`; of several circles the first in order of creation."""
+    alive = [task for task in tasks if task.state != DELETED]
+    stuck = [task for task in alive if task.state == BLOCKED and not task.alarm]
+    for task in stuck:
+        circle = [task]
+        while (holder := getattr(circle[-1].waits_for, "holder", None)) in stuck and holder not in circle:
+            circle.append(holder)
+        if holder is task:
+            return tuple(wait_of(each) for each in circle)
+    if stuck and len(stuck) == len(alive) and not interrupts_due:
+        return tuple(wait_of(each) for each in stuck)
+    return ()
+
+
+def wait_of(task: Task) -> Wait:
+    target = task.waits_for
+    if target is None:
+        return Wait(task.name, "a notification")
+    holder = target.holder if hasattr(target, "holder") else None
+    return Wait(task.name, target.name, holder.name if holder else None)
+
+
+def record(numbers: Sequence[int], names: Iterable[str], hz: int, end: int) -> Trace:
+    """The trace of rows written one behind the other, in order of time, as far as they lie before `end`."""
+    table = np.array(numbers, dtype=np.int64).reshape(-1, len(COLUMNS))
+    table = table[: np.searchsorted(table[:, 0], end)]
+    return Trace(*np.ascontiguousarray(table.T), names=tuple(names), hz=hz, start=0, end=end)

@@ -1,0 +1,110 @@
+"""Folds over a kernel's trace: who ran, who held, who waited, at which priority, from when to when.
+
+Each returns an int64 array of shape (n, m), one row per interval, in order of start; an interval still open at the end of the trace
+is cut there. Tasks, locks and queues are indices into `Trace.names`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from labkit.trace.kinds import CODE
+from labkit.trace.trace import Trace
+
+SWITCH, DONE, OVERHEAD = CODE["switch"], CODE["done"], CODE["overhead"]
+
+
+def runs(trace: Trace) -> np.ndarray:
+    """Exclusive intervals on the CPU, columns (task, start, end), the idle task included.
+
+    A task that runs on without time passing in between is one interval; time the kernel takes for itself is in none.
+    """
+    switches = trace.rows("switch")
+    task, start = switches[:, 2], switches[:, 0]
+    end = np.append(start[1:], trace.end)
+    costs = trace.rows("overhead")
+    if len(costs):
+        task, start, end = _without(task, start, end, costs[:, 0], np.minimum(costs[:, 0] + costs[:, 4], trace.end))
+    some = end > start
+    task, start, end = task[some], start[some], end[some]
+    if not len(task):
+        return np.empty((0, 3), dtype=np.int64)
+    first = np.ones(len(task), dtype=bool)
+    first[1:] = (task[1:] != task[:-1]) | (start[1:] != end[:-1])
+    last = np.append(first[1:], True)
+    return np.stack([task[first], start[first], end[last]], axis=1)
+
+
+def _without(task, start, end, cost_start, cost_end) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Cut the (ordered, disjoint) cost intervals out of the (ordered, adjoining) runs."""
+    cuts = np.unique(np.concatenate([start, end, cost_start, cost_end]))
+    left, right = cuts[:-1], cuts[1:]
+    cut_start, cut_end = np.append(cost_start, cuts[-1]), np.append(cost_end, cuts[-1])
+    cost = np.searchsorted(cost_start, left, side="right") - 1
+    kernel = (cost >= 0) & (left < cut_end[cost])
+    owner = np.searchsorted(start, left, side="right") - 1
+    keep = ~kernel & (owner >= 0)
+    return task[owner[keep]], left[keep], right[keep]
+
+
+def overheads(trace: Trace) -> np.ndarray:
+    """Intervals the kernel takes for itself, columns (cause, start, end); `labkit.trace.kinds.OVERHEADS` names the causes."""
+    rows = trace.rows("overhead")
+    return np.stack([rows[:, 5], rows[:, 0], np.minimum(rows[:, 0] + rows[:, 4], trace.end)], axis=1)
+
+
+def holds(trace: Trace) -> np.ndarray:
+    """Ownership of locks, columns (task, lock, start, end): from a successful take to the give by the same task.
+
+    A semaphore that one task takes and another gives is held by nobody, so such takes make no interval.
+    """
+    takes: dict[tuple[int, int], list[int]] = {}
+    rows = []
+    for time, kind, task, lock, *_ in trace.rows("take", "give").tolist():
+        if kind == CODE["take"]:
+            takes.setdefault((task, lock), []).append(time)
+        elif takes.get((task, lock)):
+            rows.append((task, lock, takes[task, lock].pop(), time))
+    return _table(rows, 4, by=2)
+
+
+def waits(trace: Trace) -> np.ndarray:
+    """Waiting for an object, columns (task, object, start, end): from the block to the moment the task is ready or suspended.
+
+    A wait for a notification has object -1. A task that finds nothing when it retries (no hand-off) begins a new interval.
+    """
+    blocks = {CODE[kind] for kind in ("take_block", "send_block", "recv_block", "peek_block", "notify_take_block")}
+    open_waits: dict[int, tuple[int, int]] = {}
+    rows = []
+    for time, kind, task, other, *_ in trace.rows().tolist():
+        if kind in blocks:
+            open_waits[task] = other, time
+        elif kind == CODE["ready"] and task in open_waits:
+            rows.append((task, *open_waits.pop(task), time))
+        elif kind == CODE["suspend"] and other in open_waits:
+            rows.append((other, *open_waits.pop(other), time))
+    rows += [(task, target, start, trace.end) for task, (target, start) in open_waits.items()]
+    return _table(rows, 4, by=2)
+
+
+def priorities(trace: Trace) -> np.ndarray:
+    """Priorities over time as steps, columns (task, start, end, priority); ordered by start."""
+    open_steps: dict[int, tuple[int, int]] = {}
+    rows = []
+    of_value = {CODE[kind] for kind in ("ready", "switch", "create", "inherit", "disinherit", "disinherit_timeout")}
+    for time, kind, task, _, value, _ in trace.rows().tolist():
+        if kind == DONE and task in open_steps:
+            start, priority = open_steps.pop(task)
+            rows.append((task, start, time, priority))
+        elif kind in of_value and (task not in open_steps or open_steps[task][1] != value):
+            if task in open_steps and open_steps[task][0] < time:
+                start, priority = open_steps[task]
+                rows.append((task, start, time, priority))
+            open_steps[task] = time, value
+    rows += [(task, start, trace.end, priority) for task, (start, priority) in open_steps.items()]
+    return _table(rows, 4, by=1)
+
+
+def _table(rows: list[tuple[int, ...]], columns: int, by: int) -> np.ndarray:
+    table = np.array(rows, dtype=np.int64).reshape(-1, columns)
+    return table[np.argsort(table[:, by], kind="stable")]
