@@ -26,7 +26,7 @@ FLOOR = {
     "robot": 2,
     "figures": 3,
     "experiments": 4,
-    "explore": 5, "__main__": 5,
+    "bench": 5, "__main__": 5,
     "labkit": 6,  # the package's own __init__, which names everything and imports it when asked
 }  # fmt: skip
 MODELS = [part for part, floor in FLOOR.items() if floor in (1, 2)]
@@ -89,12 +89,12 @@ def test_pictures_and_widgets_stay_upstairs_and_heavy_packages_wait(path):
     for module, line, at_once in imports(path):
         top = module.split(".")[0]
         if top in ("ipywidgets", "anywidget", "IPython"):
-            assert here == "explore", f"{path}:{line}: only explore knows widgets"
+            assert here == "bench", f"{path}:{line}: only the bench knows widgets"
         if top == "plotly":
             assert FLOOR[here] >= FLOOR["figures"], f"{path}:{line}: {here} draws nothing"
             assert module != "plotly.express", f"{path}:{line}: plotly.express costs every start a quarter of a second"
         if at_once and top in HEAVY:
-            assert here in ("explore", "figures"), f"{path}:{line}: import {top} in the function that needs it"
+            assert here in ("bench", "figures"), f"{path}:{line}: import {top} in the function that needs it"
 
 
 @pytest.mark.parametrize("path", MODULES, ids=str)
