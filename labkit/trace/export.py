@@ -13,10 +13,10 @@ import numpy as np
 
 from labkit.trace.kinds import CODE, KINDS
 from labkit.trace.log import LogError
-from labkit.trace.spans import _span_table
+from labkit.trace.spans import KERNEL, _span_table
 from labkit.trace.trace import COLUMNS, Trace
 
-_SPAN_KINDS = ("switch", "begin", "end", "isr_end")
+_SPAN_KINDS = ("switch", "begin", "end", "overhead")
 
 
 def export_chrome(trace: Trace, target: str | os.PathLike | IO[str]) -> None:
@@ -29,18 +29,19 @@ def export_chrome(trace: Trace, target: str | os.PathLike | IO[str]) -> None:
         target: path, or a file open for text.
     """
     us = 1e6 / trace.hz
+    names = [*trace.names, KERNEL]
     table = _span_table(trace)
     instants = trace.rows()[~np.isin(trace.kind, [CODE[kind] for kind in _SPAN_KINDS])]
     threads = set(table["name"].tolist()) | set(instants[:, 2].tolist())
     events: list[dict] = [{"ph": "M", "pid": 1, "name": "process_name", "args": {"name": "CPU"}}]
     for code in sorted(threads):
-        title = trace.names[code] if code >= 0 else "system"
+        title = names[code] if code >= 0 else "system"
         events.append({"ph": "M", "pid": 1, "tid": code + 1, "name": "thread_name", "args": {"name": title}})
         events.append({"ph": "M", "pid": 1, "tid": code + 1, "name": "thread_sort_index", "args": {"sort_index": code}})
     order = np.lexsort((table["opened"], table["start"]))
     spans = zip(*(table[key][order].tolist() for key in ("name", "start", "duration", "self", "complete")))
     for name, start, duration, own, complete in spans:
-        event = {"ph": "X", "pid": 1, "tid": name + 1, "name": trace.names[name], "ts": start * us, "dur": duration * us}
+        event = {"ph": "X", "pid": 1, "tid": name + 1, "name": names[name], "ts": start * us, "dur": duration * us}
         events.append({**event, "args": {"self_us": own * us} if complete else {"self_us": own * us, "cut": True}})
     for time, kind, task, other, value, extra in instants.tolist():
         args = {"other": trace.names[other] if other >= 0 else None, "value": value, "extra": extra}

@@ -16,6 +16,10 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
+#: The name of what the kernel does for itself: ticks, switches, services, interrupts.
+KERNEL = "(kernel)"
+
+
 class Pairs(NamedTuple):
     """Positions of matching events: `begin[i]` (-1: before the recording) belongs to `end[i]` (-1: after it)."""
 
@@ -118,10 +122,11 @@ def spans(trace: Trace) -> pd.DataFrame:
     """One row per span of a log or a simulation, in order of `start`.
 
     Begin and end rows give one span per pair; `switch` rows give one span per run of a task on the CPU, from when it is switched
-    in to when another is (runs that used no time are left out); `isr` and `isr_end` rows one per interrupt.
+    in to when another is (runs that used no time are left out); `overhead` rows give spans of the kernel itself, named `KERNEL`,
+    inside the runs that they interrupt.
 
     Columns:
-        name: task, interrupt or scope; start, end: time units of the trace; duration: end - start.
+        name: task or scope; start, end: time units of the trace; duration: end - start.
         self: the part of the duration in which no span inside was open, and the task that the span belongs to was not
             switched out; the selfs of all spans never overlap.
         depth: number of spans open around it at its start (0: none).
@@ -132,14 +137,14 @@ def spans(trace: Trace) -> pd.DataFrame:
     table = _span_table(trace)
     order = np.lexsort((table["depth"], table["opened"], table["start"]))
     columns = {key: table[key][order] for key in ("start", "end", "duration", "self", "depth", "complete")}
-    names = np.array([*trace.names, None], dtype=object)[table["name"][order]]
+    names = np.array([*trace.names, KERNEL], dtype=object)[table["name"][order]]
     return pd.DataFrame({"name": pd.Series(names, dtype=object), **columns})
 
 
 def _span_table(trace: Trace) -> dict[str, np.ndarray]:
-    """The columns of `spans` as arrays, names as codes, in no particular order."""
+    """The columns of `spans` as arrays, in no particular order; names as codes, the kernel's being one more than there are."""
     runs = _runs(trace)
-    kinds = runs, _paired(trace, "begin", "end"), _paired(trace, "isr", "isr_end")
+    kinds = runs, _overheads(trace), _paired(trace)
     name, opened, closed, begin, end, complete = (np.concatenate(parts) for parts in zip(*kinds))
     nesting = nest(name, opened, closed, begin, end)
     return {
@@ -148,12 +153,11 @@ def _span_table(trace: Trace) -> dict[str, np.ndarray]:
     }  # fmt: skip
 
 
-def _paired(trace: Trace, begin: str, end: str) -> tuple[np.ndarray, ...]:
-    rows = np.flatnonzero(((trace.kind == CODE[begin]) | (trace.kind == CODE[end])) & (trace.task >= 0))
-    pairs = pair(trace.task[rows], trace.kind[rows] == CODE[begin])
-    if begin == "isr":  # an interrupt of no length is recorded without an end; it is not open for ever
-        both = (pairs.begin >= 0) & (pairs.end >= 0)
-        pairs = Pairs(pairs.begin[both], pairs.end[both], pairs.lost)
+def _paired(trace: Trace) -> tuple[np.ndarray, ...]:
+    rows = np.flatnonzero(((trace.kind == CODE["begin"]) | (trace.kind == CODE["end"])) & (trace.task >= 0))
+    owner = trace.other[rows]
+    who = trace.task[rows] if np.any(owner < 0) else trace.task[rows] * len(trace.names) + owner  # the kernel names the task
+    pairs = pair(who, trace.kind[rows] == CODE["begin"])
     cut_before, cut_after = pairs.begin < 0, pairs.end < 0
     first, last = rows[pairs.begin] if len(rows) else rows, rows[pairs.end] if len(rows) else rows
     return (
@@ -164,6 +168,15 @@ def _paired(trace: Trace, begin: str, end: str) -> tuple[np.ndarray, ...]:
         np.where(cut_after, trace.end, trace.time[last]),
         ~(cut_before | cut_after),
     )
+
+
+def _overheads(trace: Trace) -> tuple[np.ndarray, ...]:
+    """They begin at their row and end before the first row that is not earlier than their end."""
+    rows = np.flatnonzero((trace.kind == CODE["overhead"]) & (trace.value > 0))
+    begin = trace.time[rows]
+    end = np.minimum(begin + trace.value[rows], trace.end)
+    closed = 2 * np.maximum(np.searchsorted(trace.time, end), rows + 1)
+    return np.full(len(rows), len(trace.names)), 2 * rows + 1, closed, begin, end, begin + trace.value[rows] <= trace.end
 
 
 def _runs(trace: Trace) -> tuple[np.ndarray, ...]:

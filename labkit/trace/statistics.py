@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from labkit.trace.kinds import CODE
-from labkit.trace.spans import _span_table
+from labkit.trace.spans import KERNEL, _span_table
 from labkit.trace.trace import Trace
 
 if TYPE_CHECKING:
@@ -41,14 +41,15 @@ COLUMNS: dict[str, tuple[str, str]] = {
 
 
 def statistics(trace: Trace) -> pd.DataFrame:
-    """Statistics per task, interrupt and scope; one function for logs and simulations.
+    """Statistics per task and scope, and for the kernel itself where its costs are known; the same for logs and simulations.
 
     An activation is the start of a job where the trace has `release` rows (when the task first runs at or after the release),
     otherwise the begin of a span. Response times need releases and completions; context switches alone cannot give
     them, so their columns are NaN for a log. Percentiles are nearest-rank: always a value that was observed.
 
     Complete spans count in everything. A run on the CPU that the edge of the recording cuts counts in `self` and `share`, since
-    `switch` rows say who has the CPU; a begin without an end does not, since a lost line looks the same.
+    `switch` rows say who has the CPU; a begin without an end does not, since a lost line looks the same. Durations
+    include preemption and the kernel's own time, `self` does not.
 
     Returns:
         A frame indexed by name, by falling `self`; its columns, units and meanings are in `COLUMNS` (times in microseconds).
@@ -57,7 +58,7 @@ def statistics(trace: Trace) -> pd.DataFrame:
     import pandas as pd
 
     us = 1e6 / trace.hz
-    size = len(trace.names)
+    size = len(trace.names) + 1  # and the kernel itself
     length = trace.end - trace.start
     table = _span_table(trace)
     whole = table["complete"]
@@ -71,7 +72,7 @@ def statistics(trace: Trace) -> pd.DataFrame:
     intervals = _intervals(active_name, active_time, size)
     median = intervals.median()
     deviation = _Groups(intervals.name, np.abs(intervals.value - median[intervals.name]), size)
-    response = _responses(trace)
+    response = _responses(trace, size)
     misses = np.bincount(trace.task[(trace.kind == CODE["miss"]) & (trace.task >= 0)], minlength=size)
 
     frame = pd.DataFrame(
@@ -99,7 +100,7 @@ def statistics(trace: Trace) -> pd.DataFrame:
             "response_max": response.rank(1) * us,
             "misses": misses,
         },
-        index=pd.Index(trace.names, name="name", dtype=object),
+        index=pd.Index([*trace.names, KERNEL], name="name", dtype=object),
     )
     seen = np.bincount(table["name"], minlength=size) + activations + response.count + misses > 0
     return frame[seen].sort_values("self", ascending=False, kind="stable")
@@ -171,7 +172,7 @@ def _intervals(name: np.ndarray, time: np.ndarray, size: int) -> _Groups:
     return _Groups(name[1:][same], np.diff(time)[same], size)
 
 
-def _responses(trace: Trace) -> _Groups:
+def _responses(trace: Trace, size: int) -> _Groups:
     """Completion minus nominal release of every job that has both; a job is its task and number."""
     release, complete = (trace.rows(kind)[:, [2, 5, 0, 4]] for kind in ("release", "complete"))
     both = np.concatenate([np.insert(release, 2, 0, axis=1), np.insert(complete, 2, 1, axis=1)])  # task, job, which, time, value
@@ -179,4 +180,4 @@ def _responses(trace: Trace) -> _Groups:
     both = both[np.lexsort((both[:, 2], both[:, 1], both[:, 0]))]
     match = (both[1:, :2] == both[:-1, :2]).all(axis=1) & (both[:-1, 2] == 0) & (both[1:, 2] == 1)
     task, nominal, done = both[:-1, 0][match], both[:-1, 4][match], both[1:, 3][match]
-    return _Groups(task, done - nominal, len(trace.names))
+    return _Groups(task, done - nominal, size)

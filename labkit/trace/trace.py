@@ -45,7 +45,8 @@ class Trace:
         table = np.array(rows, dtype=np.int64).reshape(-1, len(COLUMNS))
         if np.any(np.diff(table[:, 0]) < 0):
             at = int(np.argmax(np.diff(table[:, 0]) < 0)) + 1
-            raise ValueError(f"event {at} at time {table[at, 0]} comes after one at {table[at - 1, 0]}; a trace is in order of time")
+            late, before = table[at, 0], table[at - 1, 0]
+            raise ValueError(f"event {at} at time {late} comes after one at {before}; a trace is in order of time")
         return cls(*np.ascontiguousarray(table.T), names=tuple(names), hz=hz, start=start, end=end)
 
     def __len__(self) -> int:
