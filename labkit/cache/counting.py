@@ -16,8 +16,10 @@ from labkit.cache.references import LOAD, STORE, References, read_trace
 from labkit.cache.stores import streaming_stores
 
 #: What both ways of counting report. Reads and writes are accesses (a modify counts as one read) and a straddling access misses
-#: at most once, as cachegrind counts; the rest counts lines: touched, fetched, replaced, written back, stores sent to memory.
-COUNTS = ("reads", "writes", "read_misses", "write_misses", "lines_touched", "fills", "evictions", "write_backs", "stores_to_memory")
+#: at most once, as cachegrind counts; the rest counts lines: touched, fetched, replaced, written back, stores sent to memory, and
+#: accesses that bypass the cache (none in a trace that is only counted).
+COUNTS = ("reads", "writes", "read_misses", "write_misses", "lines_touched", "fills", "evictions", "write_backs", "stores_to_memory",
+          "uncached")
 WRITE_POLICIES = ("write-back", "write-through")
 _MOST_LEVELS = 16  # ways up to which the LRU stack is unrolled level by level
 
@@ -75,7 +77,7 @@ def count(references: References, geometry: Geometry, policy: str = "lru", *, wr
         missed = np.unique(owner[missed])
     reads, read_misses = np.count_nonzero(op != STORE), np.count_nonzero(op[missed] != STORE)
     values = (reads, len(op) - reads, read_misses, len(missed) - read_misses, len(lines),
-              np.count_nonzero(allocates[keep[head_misses]]), evictions, write_backs, np.count_nonzero(straight))
+              np.count_nonzero(allocates[keep[head_misses]]), evictions, write_backs, np.count_nonzero(straight), 0)
     return dict(zip(COUNTS, map(int, values)))
 
 

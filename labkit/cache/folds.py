@@ -28,7 +28,7 @@ def replay(references: References, cache: Cache) -> list[Access]:
 
 
 def counts(records: Iterable[Record]) -> dict[str, int]:
-    """The counts `labkit.cache.counting.COUNTS` of the CPU's accesses; those that bypass the cache count as misses.
+    """The counts `labkit.cache.counting.COUNTS` of the CPU's accesses. One that bypasses the cache neither hits nor misses.
 
     Fills, evictions and write-backs include those of speculative fills; write-backs include those of clean operations.
     """
@@ -44,10 +44,13 @@ def counts(records: Iterable[Record]) -> dict[str, int]:
         if record.op == "speculate":
             continue
         kind = "write" if record.op == "write" else "read"
-        total["lines_touched"] += 1
-        total["stores_to_memory"] += record.to_memory
         total[f"{kind}s"] += record.number != previous
         previous = record.number
+        if record.bypass:
+            total["uncached"] += 1
+            continue
+        total["lines_touched"] += 1
+        total["stores_to_memory"] += record.to_memory
         if not record.hit and record.number != missed:
             total[f"{kind}_misses"] += 1
             missed = record.number
