@@ -111,8 +111,7 @@ def describe(frame: pd.DataFrame) -> str:
     shown = frame.drop(columns=["self_mean", "self_max", "period_std"]).dropna(axis="columns", how="all")
     shown = shown[[c for c in shown if c not in ("cut", "jobs", "misses") or shown[c].any()]]
     layout = {c: "{:.0f}" if c in ("count", "cut", "jobs", "misses") else "{:.2%}" if c == "share" else "{:.1f}" for c in shown}
-    formatters = {c: lambda v, f=f: "" if v != v else f.format(v) for c, f in layout.items()}
-    text = shown.to_string(formatters=formatters, index_names=False)
+    text = shown.to_string(formatters={c: f.format for c, f in layout.items()}, index_names=False, na_rep="")
     note = "times in us, rate per second; percentiles are observed values; a max is the largest observed, not a guarantee"
     return f"{text}\n{note}"
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
 from labkit.trace import LogError, read_log, spans
@@ -190,9 +190,10 @@ def test_without_the_clock_a_wrap_is_pointed_out():
     assert trace.time[0] == 5 and "clock_hz" in str(report)
 
 
-def test_a_single_damaged_stamp_is_no_wrap():
-    _, report = read_log("a 100 1\na 200 0\nb 15000000 1\nb 300 0\na 400 1\na 500 0\n", clock_hz=216e6)
-    assert report.wraps <= 1 and accounts_for_every_line(report)
+def test_a_single_damaged_stamp_shifts_nothing_after_it():
+    trace, report = read_log("a 19000000 1\na 100 0\nb 200 1\nb 15000000 0\na 300 1\na 400 0\n", clock_hz=216e6)
+    assert report.wraps == 1 and trace.time[-2:].tolist() == [19_884_408, 19_884_508]
+
 
 def test_a_long_pause_before_the_first_wrap_is_no_line_from_before_it():
     trace, report = read_log("a 100 1\na 15000000 0\na 15000100 1\na 300 0\n", clock_hz=216e6)
@@ -205,7 +206,7 @@ def test_a_stamp_beyond_the_counter_is_rejected():
 
 
 @given(
-    steps=st.lists(st.integers(1, 4_000_000), min_size=2, max_size=60),
+    steps=st.lists(st.integers(1, 1_500_000), min_size=2, max_size=60),
     late=st.lists(st.integers(0, 3), min_size=60, max_size=60),
     clock=st.sampled_from([216_000_000, 480_000_000, 168_000_000]),
 )
@@ -215,6 +216,7 @@ def test_unwrapping_gives_the_true_times_back(steps, late, clock):
     first = min(range(len(order)), key=lambda k: order[k])
     order.insert(0, order.pop(first))  # the first stamp is the zero point of the counter
     true = true - true[0]
+    assume(np.abs(np.diff(true[order])).max() < 2**31 * 1_000_000 // clock - 1)  # half a turn: what the reader promises
     text = "\n".join(f"t{i} {wrapped(int(true[i]), clock)} 1\nt{i} {wrapped(int(true[i]), clock)} 0" for i in order)
     trace, report = read_log(text, clock_hz=clock)
     assert np.abs(trace.time - np.repeat(true, 2)).max() <= 1
