@@ -1,7 +1,6 @@
 """Schedulability analysis: answers about all schedules at once, where a simulation shows one."""
 
 from labkit.scheduler.analysis.blocking import CriticalSection, blocking_bounds, deadlock_locks
-from labkit.scheduler.analysis.fixed_priority import Overheads, job_responses, response_time_test, response_times, utilization
 from labkit.scheduler.analysis.bounds import (
     accept_edf,
     accept_hyperbolic,
@@ -12,6 +11,16 @@ from labkit.scheduler.analysis.bounds import (
     liu_layland_bound,
     liu_layland_test,
 )
+from labkit.scheduler.analysis.edf import (
+    busy_period,
+    demand_bound,
+    demand_limit,
+    edf_job_response,
+    edf_response_times,
+    processor_demand_test,
+    qpa_test,
+)
+from labkit.scheduler.analysis.fixed_priority import Overheads, job_responses, response_time_test, response_times, utilization
 from labkit.scheduler.analysis.verdict import UndecidedError, Verdict
 
 __all__ = [
@@ -23,13 +32,20 @@ __all__ = [
     "accept_hyperbolic",
     "accept_liu_layland",
     "blocking_bounds",
+    "busy_period",
     "deadlock_locks",
+    "demand_bound",
+    "demand_limit",
+    "edf_job_response",
+    "edf_response_times",
     "edf_utilization_test",
     "hyperbolic_bound",
     "hyperbolic_test",
     "job_responses",
     "liu_layland_bound",
     "liu_layland_test",
+    "processor_demand_test",
+    "qpa_test",
     "response_time_test",
     "response_times",
     "utilization",
