@@ -6,6 +6,9 @@ decided by its first one; LRU needs no loop over accesses at all; the other poli
 
 from __future__ import annotations
 
+from collections import OrderedDict
+from collections.abc import Callable, Iterable, Sequence
+from functools import lru_cache
 from os import PathLike
 
 import numpy as np
@@ -21,7 +24,9 @@ from labkit.cache.stores import streaming_stores
 COUNTS = ("reads", "writes", "read_misses", "write_misses", "lines_touched", "fills", "evictions", "write_backs", "stores_to_memory",
           "uncached")
 WRITE_POLICIES = ("write-back", "write-through")
+SetLoop = Callable[[Iterable[tuple[int, int]], "list[bool] | None", int, "list[int]"], Iterable[int]]
 _MOST_LEVELS = 16  # ways up to which the LRU stack is unrolled level by level
+_LARGEST_TABLE = 8  # ways up to which what a use makes of the tree bits is tabulated
 
 
 def count_trace(trace: str | PathLike[str] | References, size: int = 16384, ways: int = 4, line: int = 32, policy: str = "lru", *,
@@ -59,17 +64,20 @@ def count(references: References, geometry: Geometry, policy: str = "lru", *, wr
 
     shift = geometry.line.bit_length() - 1
     lines, last = address >> shift, (address + size - 1) >> shift
+    if len(last) and last.max() < 2**31:
+        lines, last = lines.astype(np.int32), last.astype(np.int32)  # half the memory to move
     owner = None
     if (lines != last).any():
         spans = last - lines + 1
         owner = np.repeat(np.arange(len(op)), spans)
         first = np.cumsum(spans) - spans
-        lines = lines[owner] + np.arange(len(owner)) - first[owner]
+        lines = lines[owner] + (np.arange(len(owner)) - first[owner]).astype(lines.dtype)
         stores, allocates = stores[owner], allocates[owner]
 
     # A run of accesses to one line hits from the first one on that may allocate, whatever the policy: drop those hits.
     keep, dirtied = _heads(lines, stores, allocates)
-    head_misses, evictions, write_backs = _simulate(lines[keep], dirtied & (write_policy == "write-back"), allocates[keep], geometry, policy, seed)
+    head_misses, evictions, write_backs = _simulate(lines[keep], dirtied & (write_policy == "write-back"), allocates[keep], geometry,
+                                                    policy, seed)
     missed = keep[head_misses]
     straight = stores & (write_policy == "write-through")
     straight[missed] |= ~allocates[missed]
@@ -97,154 +105,174 @@ def _heads(lines: np.ndarray, stores: np.ndarray, allocates: np.ndarray) -> tupl
 
 def _simulate(lines: np.ndarray, dirtied: np.ndarray, allocates: np.ndarray, geometry: Geometry, policy: str,
               seed: int) -> tuple[np.ndarray, int, int]:
-    """Indices of the misses, number of evictions and of write-backs."""
-    everything = bool(allocates.all())
-    if policy == "lru" and everything and geometry.ways <= _MOST_LEVELS:
-        return _lru_levels(lines, dirtied, geometry)
-    columns = lines.tolist(), dirtied.tolist(), allocates.tolist()
-    if policy == "lru":
-        misses, evictions, write_backs = _lru_loop(*columns, geometry)
-    elif policy == "plru":
-        misses, evictions, write_backs = _plru_loop(*columns, geometry)
+    """Indices of the misses, number of evictions and of write-backs. Works set by set, in order of time within a set."""
+    if not len(lines):
+        return np.zeros(0, dtype=np.int64), 0, 0
+    order = _stable_order(lines & (geometry.sets - 1))
+    line, allocates = lines[order], allocates[order]
+    if policy == "random":  # one stream of draws for all sets, so this one goes by time
+        at, resident = _random_loop(lines, order, allocates, geometry, seed)
+    elif policy == "lru" and geometry.ways <= _MOST_LEVELS and allocates.all():
+        at, resident = _lru_levels(line, geometry)
     else:
-        misses, evictions, write_backs = _in_place_loop(*columns, geometry, draws(geometry.ways, seed) if policy == "random" else None)
-    return np.array(misses, dtype=np.int64), evictions, write_backs
-
-
-def _lru_levels(lines: np.ndarray, dirtied: np.ndarray, geometry: Geometry) -> tuple[np.ndarray, int, int]:
-    """LRU without a loop over accesses: a set's recency stack is a chain of one-line buffers.
-
-    An access that misses the first k buffers pushes the content of buffer k into buffer k+1, wherever it hits. So what buffer
-    k+1 holds at such an access is what buffer k held at the one before it in the same set. Level by level, over all sets at
-    once, only the accesses that missed so far remain; after `ways` levels these are the misses.
-    """
-    index = lines & (geometry.sets - 1)
-    order = _stable_order(index)
-    line, index = lines[order], index[order]
-
-    at = np.arange(len(line))  # the accesses that missed all levels so far, set by set, in order of time
-    held = line  # what each of them pushes into the next level
-    stays = []  # the lines held at the end
-    for _ in range(geometry.ways):
-        if not len(at):
-            break
-        head = np.ones(len(at), dtype=bool)
-        np.not_equal(index[at[1:]], index[at[:-1]], out=head[1:])
-        before = np.empty_like(held)
-        before[1:] = held[:-1]
-        before[head] = -1
-        tail = np.append(head[1:], True)
-        stays.append(held[tail])
-        miss = before != line[at]
-        at, held = at[miss], before[miss]
-    evictions = int(np.count_nonzero(held >= 0)) if len(at) else 0
-
-    # A line is written back once per stay in the cache in which it was stored to, except for the stays that last to the end.
-    misses = np.zeros(len(line), dtype=bool)
-    misses[at] = True
-    by_line = _stable_order(line)
-    grouped, stay = line[by_line], np.cumsum(misses[by_line])
-    dirty = np.zeros(len(at) + 1, dtype=bool)
-    dirty[stay[dirtied[order[by_line]]]] = True
-    last = np.append(grouped[1:] != grouped[:-1], True)[:len(line)]
-    dirty[stay[last][np.isin(grouped[last], np.concatenate(stays) if stays else ())]] = False
-    write_backs = int(np.count_nonzero(dirty))
-    return np.sort(order[at]), evictions, write_backs
+        at, resident = _loop_by_set(line, allocates, geometry, {"lru": _lru_set, "fifo": _fifo_set, "plru": _plru_set}[policy])
+    fills = at[allocates[at]]
+    write_backs = _write_backs(line, fills, at, dirtied[order], resident, geometry) if dirtied.any() else 0
+    return np.sort(order[at]), len(fills) - len(resident), write_backs
 
 
 def _stable_order(keys: np.ndarray) -> np.ndarray:
     """Stable argsort of keys >= 0, 16 bits at a time: numpy sorts 16-bit integers by radix, several times faster than 64-bit ones."""
     order = np.argsort((keys & 0xFFFF).astype(np.uint16), kind="stable")
     rest = keys >> 16
-    return order[_stable_order(rest[order])] if len(keys) and rest.max() else order
+    return order[_stable_order(rest[order])] if rest.any() else order
 
 
-def _lru_loop(lines: list[int], dirtied: list[bool], allocates: list[bool], geometry: Geometry) -> tuple[list[int], int, int]:
-    """LRU one access at a time: one dict per set, oldest use first, line -> dirty."""
-    sets: list[dict[int, bool]] = [{} for _ in range(geometry.sets)]
-    mask, ways = geometry.sets - 1, geometry.ways
-    misses, evictions, write_backs = [], 0, 0
-    for i, line in enumerate(lines):
-        held = sets[line & mask]
+def _write_backs(line: np.ndarray, fills: np.ndarray, misses: np.ndarray, dirtied: np.ndarray, resident: np.ndarray,
+                 geometry: Geometry) -> int:
+    """A line is written back once per stay in the cache in which it was stored to, except for the stays that last to the end."""
+    starts = np.zeros(len(line), dtype=bool)
+    starts[fills] = True
+    dirtied[misses[~starts[misses]]] = False  # stores that went past the cache
+    tag = line // geometry.sets
+    by_line = _stable_order(tag - tag.min())  # by tag, then by set as before: line by line
+    grouped, stay = line[by_line], np.cumsum(starts[by_line])
+    dirty = np.zeros(len(fills) + 1, dtype=bool)
+    dirty[stay[dirtied[by_line]]] = True
+    last = np.append(grouped[1:] != grouped[:-1], True)
+    dirty[stay[last][np.isin(grouped[last], resident)]] = False
+    return int(np.count_nonzero(dirty))
+
+
+def _lru_levels(line: np.ndarray, geometry: Geometry) -> tuple[np.ndarray, np.ndarray]:
+    """LRU without a loop over accesses: a set's recency stack is a chain of one-line buffers.
+
+    An access that misses the first k buffers pushes the content of buffer k into buffer k+1, wherever it hits. So what buffer
+    k+1 holds at such an access is what buffer k held at the one before it in the same set. Level by level, over all sets at
+    once, only the accesses that missed so far remain; after `ways` levels these are the misses.
+    """
+    at = np.arange(len(line))  # the accesses that missed all levels so far, set by set, in order of time
+    wanted, held = line, line  # what each of them looks for, and what it pushes into the next level
+    resident = []
+    for _ in range(geometry.ways):
+        index = wanted & (geometry.sets - 1)
+        head = np.ones(len(at), dtype=bool)  # first of its set
+        np.not_equal(index[1:], index[:-1], out=head[1:])
+        resident.append(held[np.append(head[1:], True)[:len(at)]])
+        before = np.empty_like(held)
+        before[1:] = held[:-1]
+        before[head] = -1
+        miss = np.flatnonzero(before != wanted)
+        at, wanted, held = at[miss], wanted[miss], before[miss]
+    left = np.concatenate(resident)
+    return at, left[left >= 0]
+
+
+def _loop_by_set(line: np.ndarray, allocates: np.ndarray, geometry: Geometry, run: SetLoop) -> tuple[np.ndarray, np.ndarray]:
+    """Run one set after the other through `run`, which appends its misses and returns the lines it holds at the end."""
+    index = line & (geometry.sets - 1)
+    bounds = [0, *(np.flatnonzero(index[1:] != index[:-1]) + 1).tolist(), len(line)]
+    lines, allowed = line.tolist(), None if allocates.all() else allocates.tolist()
+    misses: list[int] = []
+    resident: list[int] = []
+    for start, stop in zip(bounds, bounds[1:]):
+        resident += run(enumerate(lines[start:stop], start), allowed, geometry.ways, misses)
+    return np.array(misses, dtype=np.int64), np.array(resident, dtype=line.dtype)
+
+
+def _lru_set(accesses: Iterable[tuple[int, int]], allowed: list[bool] | None, ways: int, misses: list[int]) -> Iterable[int]:
+    held: OrderedDict[int, None] = OrderedDict()  # oldest use first
+    for i, line in accesses:
         if line in held:
-            held[line] = held.pop(line) or dirtied[i]
+            held.move_to_end(line)
             continue
         misses.append(i)
-        if allocates[i]:
+        if allowed is None or allowed[i]:
             if len(held) == ways:
-                evictions += 1
-                write_backs += held.pop(next(iter(held)))
-            held[line] = dirtied[i]
-    return misses, evictions, write_backs
+                held.popitem(last=False)
+            held[line] = None
+    return held
 
 
-def _in_place_loop(lines: list[int], dirtied: list[bool], allocates: list[bool], geometry: Geometry,
-                   chosen: object) -> tuple[list[int], int, int]:
-    """FIFO (`chosen` None: the ways in turn) and random (`chosen`: iterator of ways): policies that take no note of hits."""
-    dirty: dict[int, bool] = {}
-    mask, ways = geometry.sets - 1, geometry.ways
+def _fifo_set(accesses: Iterable[tuple[int, int]], allowed: list[bool] | None, ways: int, misses: list[int]) -> Iterable[int]:
+    held: set[int] = set()
+    slots, turn = [-1] * ways, 0
+    for i, line in accesses:
+        if line not in held:
+            misses.append(i)
+            if allowed is None or allowed[i]:
+                held.discard(slots[turn])
+                held.add(line)
+                slots[turn] = line
+                turn = turn + 1 if turn + 1 < ways else 0
+    return held
+
+
+def _plru_set(accesses: Iterable[tuple[int, int]], allowed: list[bool] | None, ways: int, misses: list[int]) -> Iterable[int]:
+    after = _tree_steps(ways)
+    step_of: dict[int, Sequence[int] | _Steps] = {}  # held line -> what a use of its way makes of the set's bits
+    slots: list[int] = []
+    bits = 0
+    for i, line in accesses:
+        step = step_of.get(line)
+        if step is None:
+            misses.append(i)
+            if allowed is not None and not allowed[i]:
+                continue
+            if len(slots) < ways:
+                way = len(slots)
+                slots.append(line)
+            else:
+                way = tree_victim(bits, ways)
+                del step_of[slots[way]]
+                slots[way] = line
+            step = step_of[line] = after[way]
+        bits = step[bits]
+    return slots
+
+
+class _Steps:
+    """Bits of a tree -> bits after a use of one way, computed; for trees too large for a table."""
+
+    def __init__(self, keep: int, point: int) -> None:
+        self._keep, self._point = keep, point
+
+    def __getitem__(self, bits: int) -> int:
+        return bits & self._keep | self._point
+
+
+@lru_cache(maxsize=16)
+def _tree_steps(ways: int) -> list[Sequence[int] | _Steps]:
+    check_tree(ways)
+    paths = [tree_path(way, ways) for way in range(ways)]
+    if ways > _LARGEST_TABLE:
+        return [_Steps(keep, point) for keep, point in paths]
+    return [[bits & keep | point for bits in range(1 << ways)] for keep, point in paths]
+
+
+def _random_loop(lines: np.ndarray, order: np.ndarray, allocates: np.ndarray, geometry: Geometry,
+                 seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Random replacement in order of time; `allocates` is in order of sets, and so are the misses returned."""
+    mask, ways, chosen = geometry.sets - 1, geometry.ways, draws(geometry.ways, seed)
+    allowed = np.empty_like(allocates)
+    allowed[order] = allocates
+    allowed_list = allowed.tolist()
     slots: list[list[int]] = [[] for _ in range(geometry.sets)]
-    turn = [0] * geometry.sets
-    misses, evictions, write_backs = [], 0, 0
-    for i, line in enumerate(lines):
-        if line in dirty:
-            if dirtied[i]:
-                dirty[line] = True
+    held: set[int] = set()
+    missed = np.zeros(len(lines), dtype=bool)
+    misses: list[int] = []
+    for i, line in enumerate(lines.tolist()):
+        if line in held:
             continue
         misses.append(i)
-        if not allocates[i]:
-            continue
-        index = line & mask
-        slot = slots[index]
-        if len(slot) < ways:
-            slot.append(line)
-        else:
-            if chosen is None:
-                way = turn[index]
-                turn[index] = way + 1 if way + 1 < ways else 0
-            else:
-                way = next(chosen)
-            evictions += 1
-            write_backs += dirty.pop(slot[way])
-            slot[way] = line
-        dirty[line] = dirtied[i]
-    return misses, evictions, write_backs
-
-
-def _plru_loop(lines: list[int], dirtied: list[bool], allocates: list[bool], geometry: Geometry) -> tuple[list[int], int, int]:
-    """Tree-PLRU: one integer of tree bits per set, two masks per way."""
-    mask, ways = geometry.sets - 1, geometry.ways
-    check_tree(ways)
-    keeps, points = zip(*(tree_path(way, ways) for way in range(ways)))
-    bits = [0] * geometry.sets
-    slots: list[list[int]] = [[] for _ in range(geometry.sets)]
-    dirty = [[False] * ways for _ in range(geometry.sets)]
-    way_of: dict[int, int] = {}
-    victims: dict[int, int] = {}  # tree bits -> victim, as far as they were met
-    misses, evictions, write_backs = [], 0, 0
-    for i, line in enumerate(lines):
-        index = line & mask
-        way = way_of.get(line)
-        if way is None:
-            misses.append(i)
-            if not allocates[i]:
-                continue
-            slot = slots[index]
+        if allowed_list[i]:
+            slot = slots[line & mask]
             if len(slot) < ways:
-                way = len(slot)
                 slot.append(line)
             else:
-                state = bits[index]
-                way = victims.get(state)
-                if way is None:
-                    way = victims[state] = tree_victim(state, ways)
-                evictions += 1
-                write_backs += dirty[index][way]
-                del way_of[slot[way]]
+                way = next(chosen)
+                held.remove(slot[way])
                 slot[way] = line
-            way_of[line] = way
-            dirty[index][way] = dirtied[i]
-        elif dirtied[i]:
-            dirty[index][way] = True
-        bits[index] = bits[index] & keeps[way] | points[way]
-    return misses, evictions, write_backs
+            held.add(line)
+    missed[misses] = True
+    return np.flatnonzero(missed[order]), np.array(sorted(held), dtype=lines.dtype)
