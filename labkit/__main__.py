@@ -52,8 +52,8 @@ def _run(args: argparse.Namespace) -> None:
         return
     print(experiment.code())
     for m in metrics:
-        published = "" if m.published is None else f"   (published: {m.published} {m.unit})"
-        print(f"    {m.name}: {m.text()}{published}{'   ' + m.note if m.note else ''}")
+        beside = "".join(f"   ({word}: {value} {m.unit})" for word, value in (("bound", m.bound), ("published", m.published)) if value is not None)
+        print(f"    {m.name}: {m.text()}{beside}{'   ' + m.note if m.note else ''}")
 
 
 def _value(text: str, parameter: Any) -> Any:
@@ -69,7 +69,7 @@ def _value(text: str, parameter: Any) -> Any:
 
 
 def _trace(args: argparse.Namespace) -> None:
-    from labkit.trace import export_chrome, export_csv, read_log, statistics
+    from labkit.trace import describe, export_chrome, export_csv, read_log, statistics
 
     trace, report = read_log(args.log, clock_hz=args.clock_hz)
     table = statistics(trace)
@@ -80,9 +80,9 @@ def _trace(args: argparse.Namespace) -> None:
             raise ValueError(f"--export {args.export}: the ending says the format, it is one of {', '.join(writers)}")
         writers[ending](trace, args.export)
     if args.json:
-        _print_json({"statistics": json.loads(table.to_json(orient="index")), "report": asdict(report)})
+        _print_json({"statistics": json.loads(table.to_json(orient="index")), "report": report.as_dict()})
         return
-    print(table.to_string(float_format=lambda x: f"{x:.3f}"))
+    print(describe(table))
     print(report)
 
 

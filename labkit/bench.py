@@ -12,13 +12,14 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
 
+import anywidget
 import ipywidgets as w
 import numpy as np
 import plotly.graph_objects as go
 
 from labkit.experiment import Experiment, Metric, Parameter, ParameterError, Superseded, progress_listener
 
-STYLE = """<style>
+STYLE = """
 .lab-bench {border: 1px solid #d0d7de; border-radius: 8px; padding: 10px 14px; overflow: hidden;}
 .lab-bench .lab-controls {gap: 0 18px; overflow: hidden;}
 .lab-bench .widget-label, .lab-bench .widget-readout {font-size: 15px;}
@@ -38,10 +39,28 @@ STYLE = """<style>
 .lab-lecture .widget-label {min-width: 270px;}
 .lab-lecture .noUi-handle {transform: scale(1.5);}
 .lab-lecture .widget-hslider, .lab-lecture .widget-dropdown, .lab-lecture .widget-checkbox {height: 40px; line-height: 40px;}
-</style>"""
+"""
 
 LECTURE_SCALE = 1.45
 FONT = 15
+
+
+class Fit(anywidget.AnyWidget):
+    """Invisible; brings the style of the bench and tells plotly, which only listens to the window, when the bench changes its width."""
+
+    _css = STYLE
+    _esm = """
+    export default { render({ el }) {
+        let width = 0;
+        const observer = new ResizeObserver(([box]) => {
+            if (box.contentRect.width === width) return;
+            width = box.contentRect.width;
+            requestAnimationFrame(() => window.dispatchEvent(new Event("resize")));
+        });
+        observer.observe(el);
+        return () => observer.disconnect();
+    } };
+    """
 
 
 def control(p: Parameter, value: Any) -> w.Widget:
@@ -71,9 +90,10 @@ def metrics_html(metrics: Sequence[Metric]) -> str:
     """The metrics as a strip of cards, published values beside the model's."""
     def card(m: Metric) -> str:
         kind = {True: " lab-good", False: " lab-bad", None: ""}[m.good]
-        published = "" if m.published is None else f" · published {html.escape(Metric('', m.published, m.unit).text())}"
+        beside = "".join(f" · {word} {html.escape(Metric('', value, m.unit).text())}"
+                         for word, value in (("bound", m.bound), ("published", m.published)) if value is not None)
         return (f'<div class="lab-metric{kind}" title="{html.escape(m.note)}"><b>{html.escape(m.text())}</b>'
-                f"<span>{html.escape(m.name)}{published}</span></div>")
+                f"<span>{html.escape(m.name)}{beside}</span></div>")
 
     return f'<div class="lab-metrics">{"".join(map(card, metrics))}</div>'
 
@@ -116,7 +136,6 @@ class Bench(w.VBox):
             c.observe(self._changed, names="value")
         self._metrics, self._error, self._code = w.HTML(), w.HTML(), w.HTML()
         self._error.add_class("lab-error-slot")
-        self._code.layout = w.Layout(flex="1 1 auto", overflow="hidden")
         self._progress = w.FloatProgress(min=0, max=1, layout=w.Layout(width="160px", visibility="hidden"))
         reset = w.Button(description="Reset", tooltip="all parameters back to where this bench started", layout=w.Layout(width="auto"))
         reset.add_class("lab-reset")
@@ -128,10 +147,14 @@ class Bench(w.VBox):
         self.figure._config = {**self.figure._config, "responsive": True, "displaylogo": False}
         controls = w.GridBox(list(self.controls.values()), layout=w.Layout(grid_template_columns="repeat(auto-fill, minmax(390px, 1fr))"))
         controls.add_class("lab-controls")
-        bar = w.HBox([reset, lecture, self._progress, self._code], layout=w.Layout(align_items="center"))
-        super().__init__([w.HTML(STYLE), controls, self._error, self._metrics, self.figure, bar])
+        self._metrics.layout = w.Layout(flex="1 1 auto")
+        bar = w.HBox([self._metrics, self._progress, reset, lecture], layout=w.Layout(align_items="center"))
+        super().__init__([Fit(), controls, self._error, bar, self.figure, self._code])
         self.add_class("lab-bench")
-        self._update()
+        if experiment.slow:
+            self._update()
+        else:  # what fails before anybody moved a slider is an error of the cell
+            self._show(experiment, experiment.run())
 
     def set(self, **values: Any) -> None:
         """Move several controls at once; the figure is drawn once. Raises ParameterError and moves nothing if a value is not allowed."""

@@ -51,6 +51,7 @@ class Metric:
 
     Attributes:
         name, value, unit: what is shown; `value` may be None (not defined, the `note` says why), a number, a bool or text.
+        bound: what analysis says the value can never exceed, in the same unit.
         published: the value printed in the source, where there is one, in the same unit.
         good: True or False where the number keeps or breaks a promise, None where it is just a number.
         note: one line of explanation.
@@ -59,6 +60,7 @@ class Metric:
     name: str
     value: float | int | str | bool | None
     unit: str = ""
+    bound: float | int | None = None
     published: float | int | str | None = None
     good: bool | None = None
     note: str = ""

@@ -90,6 +90,10 @@ def test_a_parameter_without_bounds_or_words_is_a_fault_of_the_author():
 
 # the bench: real widgets, no browser
 
+def button(bench, css):
+    return next(b for box in bench.children for b in getattr(box, "children", ()) if css in b._dom_classes)
+
+
 def test_moving_a_slider_updates_the_same_figure():
     bench = explore(Braking)
     figure, trace = bench.figure, bench.figure.data[0]
@@ -107,12 +111,17 @@ def test_an_error_is_shown_and_the_bench_lives_on():
     assert bench._error.value == "" and bench.result == 10.0
 
 
+def test_a_first_run_that_fails_is_an_error_of_the_cell():
+    with pytest.raises(RuntimeError, match="left the table"):
+        explore(Braking, floor="wet", speed=900)
+
+
 def test_reset_goes_back_to_the_start_in_one_run(monkeypatch):
     bench = explore(Braking, speed=300)
     bench.set(speed=700, floor="wet", loaded=True)
     runs = []
     monkeypatch.setattr(Braking, "run", lambda self: runs.append(self) or 1.0)
-    next(b for b in bench.children[-1].children if "lab-reset" in b._dom_classes).click()
+    button(bench, "lab-reset").click()
     assert runs == [Braking(speed=300)] and bench.experiment == Braking(speed=300)
 
 
@@ -126,7 +135,7 @@ def test_set_refuses_and_moves_nothing():
 def test_lecture_mode_enlarges_figure_and_controls():
     bench = explore(Braking)
     size = bench.figure.layout.font.size
-    switch = next(b for b in bench.children[-1].children if "lab-lecture-switch" in b._dom_classes)
+    switch = button(bench, "lab-lecture-switch")
     switch.value = True
     assert bench.figure.layout.font.size > size and "lab-lecture" in bench._dom_classes
     switch.value = False

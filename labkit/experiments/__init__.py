@@ -9,6 +9,8 @@ from labkit.experiment import Experiment, ParameterError
 #: Class -> module, in teaching order. A new experiment is one line here.
 MODULES: dict[str, str] = {
     "PriorityInversion": "priority_inversion",
+    "NestedMutexes": "priority_inversion",
+    "MarsPathfinder": "priority_inversion",
 }
 
 

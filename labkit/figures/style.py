@@ -13,6 +13,7 @@ PALETTE = (BLUE, ORANGE, GREEN, PURPLE, SKY, VERMILION, "#7A5195", "#8B5A2B", "#
 #: Tasks that appear in more than one notebook keep their colour in all of them.
 TASK_COLOURS = {
     "H": VERMILION, "M": ORANGE, "L": BLUE, "IDLE": PALE, "kernel": GREY,
+    "bc_sched": "#4D7C0F", "bc_dist": GREEN, "comm": ORANGE, "ASI_MET": BLUE,
     "wheel_ctrl": BLUE, "w_ctrl": BLUE, "odometry": GREEN, "odom": GREEN, "pose_ctrl": ORANGE, "pose_control": ORANGE, "p_ctrl": ORANGE,
     "hal_fetch": PURPLE, "tsink": SKY, "profile": VERMILION, "recv_vel": "#7A5195", "uros": "#8B5A2B",
     "EthIf": "#4D7C0F", "EthLink": "#B03060", "tcpip_thread": "#7A5195", "Tmr Svc": GREY,

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
-from labkit.figures.style import GREY, INK, YELLOW, axis, colours, layout
+from labkit.figures.style import GREY, INK, SKY, VERMILION, YELLOW, axis, colours, layout
 from labkit.trace import Trace
 from labkit.trace.folds import holds, priorities, ready, runs, waits
 
-BAR, THIN, LOCK = 0.62, 0.16, 0.2  # heights within a row of height 1
+BAR, THIN, STRIP = 0.6, 0.12, 0.36  # heights in a row: a run, readiness, the strip of one lock below it
+LOCK_COLOURS = (YELLOW, SKY, "#F4B6C2", "#B8E0B0")
 
 
 @dataclass(frozen=True)
@@ -22,22 +23,25 @@ class Panel:
     Attributes:
         title: what this trace is, shown above it.
         trace: a kernel trace.
-        span: an interval to point at, (start, end, task, text) in time units of the trace, or None.
+        remark: (time, task, text): a text to the right of that time in the row of that task.
+        alarms: times to mark across all rows.
     """
 
     title: str
     trace: Trace
-    span: tuple[int, int, str, str] | None = None
+    remark: tuple[int, str, str] | None = None
+    alarms: Sequence[int] = field(default=())
 
 
-def timeline(panels: Sequence[Panel], tasks: Sequence[str], base: Mapping[str, int], end: float, height: int = 560) -> dict[str, Any]:
-    """Panels of rows: running (solid), ready (thin), waiting for a lock (hatched), holding it (yellow strip), and the priority below.
+def timeline(panels: Sequence[Panel], tasks: Sequence[str], base: Mapping[str, int], end: float, locks: Sequence[str] = (),
+             height: int = 540) -> dict[str, Any]:
+    """Panels of rows: running (solid), ready (thin), waiting for a lock (hatched), holding it (strip below), and the priorities.
 
     `tasks` are the rows from top to bottom, `base` their base priorities, `end` the end of the time axis in ms. The number
     and order of plotly traces depends on the number of panels and tasks only.
     """
-    colour = colours(tasks)
-    row = {name: len(tasks) - 1 - i for i, name in enumerate(tasks)}
+    pitch = 0.85 + STRIP * len(locks)
+    row = {name: (len(tasks) - 1 - i) * pitch for i, name in enumerate(tasks)}
     levels = sorted(set(base.values()))
     share = 1 / len(panels)
     data: list[dict[str, Any]] = []
@@ -45,76 +49,81 @@ def timeline(panels: Sequence[Panel], tasks: Sequence[str], base: Mapping[str, i
     notes: list[dict[str, Any]] = []
     shapes: list[dict[str, Any]] = []
     for i, panel in enumerate(panels):
-        top, gantt, steps = 1 - i * share, 2 * i + 1, 2 * i + 2
-        ids = ["y" if n == 1 else f"y{n}" for n in (gantt, steps)]
-        low = top - share
-        axes[f"yaxis{gantt if gantt > 1 else ''}"] = axis(
-            "", domain=[low + 0.36 * share, top - 0.085 * share], range=[-0.55, len(tasks) - 0.4], tickvals=list(row.values()),
-            ticktext=[f"<b>{name}</b>" for name in row], showgrid=False, fixedrange=True)
-        axes[f"yaxis{steps}"] = axis(
-            "priority", domain=[low + 0.075 * share, low + 0.31 * share], range=[levels[0] - 0.5, levels[-1] + 0.5],
-            tickvals=levels, fixedrange=True)
-        data += _bars(panel.trace, row, colour, ids[0], legend=i == 0) + _steps(panel.trace, tasks, colour, ids[1])
+        low, top = 1 - (i + 1) * share, 1 - i * share
+        gantt, steps = (f"y{n}" if n > 1 else "y" for n in (2 * i + 1, 2 * i + 2))
+        axes[gantt.replace("y", "yaxis")] = axis(
+            "", domain=[low + 0.33 * share, top - 0.1 * share], range=[-0.4 - STRIP * len(locks), row[tasks[0]] + 0.45],
+            tickvals=list(row.values()), ticktext=[f"<b>{name}</b>" for name in row], showgrid=False, fixedrange=True)
+        axes[steps.replace("y", "yaxis")] = axis(
+            "priority", domain=[low + 0.06 * share, low + 0.29 * share], range=[levels[0] - 0.6, levels[-1] + 0.6], tickvals=levels, fixedrange=True)
+        data += _rows(panel.trace, row, locks, gantt, legend=i == 0)
+        data += _steps(panel.trace, tasks, steps)
         notes.append({"text": f"<b>{panel.title}</b>", "xref": "paper", "yref": "paper", "x": 0, "y": top, "yanchor": "top",
                       "xanchor": "left", "showarrow": False, "font": {"size": 17}})
-        if panel.span is not None:
-            start, stop, name, text = panel.span
-            shapes.append(_bracket(_ms(panel.trace, start), _ms(panel.trace, stop), row[name] + 0.42, ids[0]))
-            notes.append({"text": f"<b>{text}</b>", "x": (_ms(panel.trace, start) + _ms(panel.trace, stop)) / 2, "xref": "x",
-                          "y": row[name] + 0.44, "yref": ids[0], "yanchor": "bottom", "showarrow": False, "font": {"size": 15}})
+        if panel.remark is not None:
+            time, name, text = panel.remark
+            notes.append({"text": f"  {text}", "x": _ms(panel.trace, time), "xref": "x", "xanchor": "left", "y": row[name], "yref": gantt,
+                          "showarrow": False, "bgcolor": "rgba(255,255,255,0.85)"})
+        shapes += [{"type": "line", "xref": "x", "x0": _ms(panel.trace, at), "x1": _ms(panel.trace, at), "yref": f"{gantt} domain", "y0": 0,
+                    "y1": 1, "line": {"color": VERMILION, "width": 3, "dash": "dot"}} for at in panel.alarms]
     return {"data": data, "layout": layout(
         height, **axes, xaxis=axis("time [ms]", range=[0, end], anchor=f"y{2 * len(panels)}"), barmode="overlay", annotations=notes,
-        shapes=shapes, margin={"l": 64, "r": 16, "t": 30, "b": 48},
+        shapes=shapes, margin={"l": 64, "r": 16, "t": 26, "b": 48},
         legend={"orientation": "h", "y": 1.0, "yanchor": "bottom", "x": 1, "xanchor": "right"})}
 
 
 def _ms(trace: Trace, time: Any) -> Any:
-    return (np.asarray(time) - trace.start) * (1e3 / trace.hz)
+    return (time - trace.start) * (1e3 / trace.hz)
 
 
-def _bracket(start: float, end: float, y: float, yref: str) -> dict[str, Any]:
-    return {"type": "line", "x0": start, "x1": end, "y0": y, "y1": y, "xref": "x", "yref": yref, "line": {"color": INK, "width": 4}}
+def _rows(trace: Trace, row: Mapping[str, float], locks: Sequence[str], yaxis: str, legend: bool) -> list[dict[str, Any]]:
+    names = np.array(trace.names, dtype=object)
+    colour = colours(row)
+    wide = _ms(trace, trace.end) / 25  # a bar with room for a name
 
-
-def _bars(trace: Trace, row: Mapping[str, int], colour: Mapping[str, str], yaxis: str, legend: bool) -> list[dict[str, Any]]:
-    names = trace.names
-
-    def bars(intervals: np.ndarray, height: float, shift: float, marker: dict[str, Any], label: str, **more: Any) -> dict[str, Any]:
-        kept = intervals[[names[t] in row for t in intervals[:, 0]]] if len(intervals) else intervals
+    def bars(intervals: np.ndarray, height: float, place: Callable[..., list[float]], label: str, **more: Any) -> dict[str, Any]:
+        kept = intervals[np.isin(intervals[:, 0], [i for i, name in enumerate(names) if name in row])]
+        who, what = names[kept[:, 0]], names[kept[:, 1]] if kept.shape[1] == 4 else [""] * len(kept)
         start, end = _ms(trace, kept[:, -2]), _ms(trace, kept[:, -1])
-        who = [names[t] for t in kept[:, 0]]
-        if marker.get("color") is None:
-            marker = {**marker, "color": [colour[n] for n in who]}
-        what = [names[o] for o in kept[:, 1]] if kept.shape[1] == 4 else [""] * len(who)
-        return {"type": "bar", "orientation": "h", "base": start, "x": end - start, "y": [row[n] + shift for n in who], "width": height,
-                "marker": marker, "yaxis": yaxis, "name": label, "legendgroup": label, "showlegend": legend and bool(label),
-                "customdata": [f"{n} {label} {o}".strip() for n, o in zip(who, what, strict=True)], "text": what if more.get("textposition") else None,
-                "hovertemplate": "%{customdata}<br>%{base:.3f} ms for %{x:.3f} ms<extra></extra>"} | more
+        made = {"type": "bar", "orientation": "h", "base": start, "x": end - start, "y": place(who, what), "width": height, "yaxis": yaxis,
+                "name": label, "legendgroup": label, "showlegend": legend,
+                "text": [o if length > wide else "" for o, length in zip(what, end - start, strict=True)], "textposition": "none",
+                "customdata": [f"{n} {label} {o}".strip() for n, o in zip(who, what, strict=True)],
+                "hovertemplate": "%{customdata}<br>from %{base:.3f} ms for %{x:.3f} ms<extra></extra>"}
+        more = {key: value(who, what) if callable(value) else value for key, value in more.items()}
+        return made | more
 
-    waiting = {"color": "rgba(255,255,255,0)", "line": {"color": GREY, "width": 1.5},
-               "pattern": {"shape": "/", "fgcolor": GREY, "size": 7, "solidity": 0.25}}
+    def middle(who: Sequence[str], what: Sequence[str]) -> list[float]:
+        return [row[n] for n in who]
+
+    def strip(who: Sequence[str], what: Sequence[str]) -> list[float]:
+        return [row[n] - BAR / 2 - STRIP * (locks.index(o) + 0.5) if o in locks else row[n] for n, o in zip(who, what, strict=True)]
+
     releases = trace.rows("release")
     releases = releases[[names[t] in row for t in releases[:, 2]]] if len(releases) else releases
     return [
-        bars(ready(trace), THIN, 0.0, {"color": GREY}, "ready, not running"),
-        bars(waits(trace), BAR, 0.0, waiting, "waits for lock"),
-        bars(runs(trace), BAR, 0.0, {"line": {"width": 0}}, "runs", showlegend=False),
-        bars(holds(trace), LOCK, -BAR / 2 + LOCK / 2, {"color": YELLOW, "line": {"color": INK, "width": 1}}, "holds lock",
-             textposition="inside", insidetextanchor="middle", textfont={"size": 12, "color": INK}),
-        {"type": "scatter", "mode": "markers", "x": _ms(trace, releases[:, 0]), "y": [row[names[t]] - 0.45 for t in releases[:, 2]],
+        bars(ready(trace), THIN, middle, "ready, not running", marker={"color": GREY}),
+        bars(waits(trace), BAR, middle, "waits for lock", marker={
+            "color": "rgba(255,255,255,0)", "line": {"color": GREY, "width": 1.5},
+            "pattern": {"shape": "/", "fgcolor": GREY, "size": 7, "solidity": 0.25}}),
+        bars(runs(trace), BAR, middle, "runs", showlegend=False, marker=lambda who, _: {"color": [colour[n] for n in who], "line": {"width": 0}}),
+        bars(holds(trace), 0.85 * STRIP, strip, "holds lock", showlegend=legend and bool(locks), textposition="inside",
+             insidetextanchor="middle", constraintext="none", textangle=0, textfont={"size": 12, "color": INK},
+             marker=lambda _, what: {"color": [LOCK_COLOURS[locks.index(o) % len(LOCK_COLOURS)] if o in locks else YELLOW for o in what],
+                                     "line": {"color": INK, "width": 1}}),
+        {"type": "scatter", "mode": "markers", "x": _ms(trace, releases[:, 0]), "y": [row[names[t]] - BAR / 2 for t in releases[:, 2]],
          "marker": {"symbol": "triangle-up", "size": 11, "color": INK}, "yaxis": yaxis, "name": "release", "legendgroup": "release",
          "showlegend": legend, "hovertemplate": "release %{x:.3f} ms<extra></extra>"},
     ]
 
 
-def _steps(trace: Trace, tasks: Sequence[str], colour: Mapping[str, str], yaxis: str) -> list[dict[str, Any]]:
-    steps = priorities(trace)
+def _steps(trace: Trace, tasks: Sequence[str], yaxis: str) -> list[dict[str, Any]]:
+    steps, colour = priorities(trace), colours(tasks)
     made = []
     for i, name in enumerate(tasks):
         mine = steps[steps[:, 0] == trace.code(name)]
         offset = (i - (len(tasks) - 1) / 2) * 0.12  # so that equal priorities stay visible side by side
-        x = np.ravel(_ms(trace, mine[:, 1:3]))
-        made.append({"type": "scatter", "mode": "lines", "x": x, "y": np.repeat(mine[:, 3], 2) + offset, "yaxis": yaxis, "name": name,
-                     "line": {"color": colour[name], "width": 4}, "showlegend": False,
-                     "hovertemplate": f"{name}: priority %{{customdata}} at %{{x:.3f}} ms<extra></extra>", "customdata": np.repeat(mine[:, 3], 2)})
+        made.append({"type": "scatter", "mode": "lines", "x": _ms(trace, mine[:, 1:3]).ravel(), "y": np.repeat(mine[:, 3], 2) + offset,
+                     "yaxis": yaxis, "name": name, "line": {"color": colour[name], "width": 4}, "showlegend": False,
+                     "customdata": np.repeat(mine[:, 3], 2), "hovertemplate": f"{name}: priority %{{customdata}} at %{{x:.3f}} ms<extra></extra>"})
     return made

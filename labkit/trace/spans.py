@@ -107,8 +107,10 @@ def nest(name: np.ndarray, opened: np.ndarray, closed: np.ndarray, begin: np.nda
             stack.append(s)
             if asleep:
                 stack += asleep.pop(names[s], [])
-        elif stack[-1] == s:
+        elif stack and stack[-1] == s:
             stack.pop()
+        elif s not in stack:  # it ends in its sleep
+            asleep = {name: [c for c in inner if c != s] for name, inner in asleep.items()}
         else:
             at = stack.index(s)
             inside = stack[at + 1:]
