@@ -25,11 +25,12 @@ from dataclasses import dataclass
 from heapq import heappop, heappush
 from typing import Any
 
+from labkit.scheduler.journal import JOURNAL_PAGE, Journal
 from labkit.scheduler.interrupts import Interrupt
 from labkit.scheduler.objects import BLOCKED, DELETED, FOREVER, READY, SUSPENDED
 from labkit.scheduler.objects import Mutex, Queue, ReadyLists, Semaphore, Task, enqueue
 from labkit.scheduler.protocols import PROTOCOLS, UNOWNED
-from labkit.scheduler.run import Run, TaskInfo, find_deadlock, record
+from labkit.scheduler.run import Run, TaskInfo, find_deadlock
 from labkit.scheduler.services import Services, complete, release
 from labkit.trace.kinds import CODE, OVERHEADS
 
@@ -100,6 +101,11 @@ class Kernel:
         tick: CPU cycles per tick.
     """
 
+    __slots__ = (
+        "cpu_hz", "tick", "priorities", "costs", "time_slicing", "now", "ticks", "running", "switch_wanted", "ready", "delayed",
+        "devices", "tasks", "textbook", "os", "isr", "log", "_journal", "_codes", "_mutexes", "_sequence", "_every_tick", "_switch_cost", "_service_costs",
+    )  # fmt: skip
+
     def __init__(
         self,
         cpu_hz: int = 216_000_000,
@@ -126,9 +132,11 @@ class Kernel:
         self.textbook = False
         self.os = Services(self)
         self._sequence = 0
+        self._every_tick = costs.tick > 0
+        self._switch_cost = costs.switch
         self._service_costs = costs.of_services()
-        self._rows: list[int] = []
-        self.log = self._rows.extend
+        self._journal = Journal()
+        self.log = self._journal.log
         self._codes: dict[str, int] = {}
         self._mutexes: list[Mutex] = []
 
@@ -256,7 +264,7 @@ class Kernel:
             error.add_note(f"in task {self.running.name!r} at cycle {self.now}")
             raise
         infos = tuple(TaskInfo(t.name, t.number, t.created, t.deadline, t.stack_free) for t in self.tasks)
-        trace = record(self._rows, self._codes, self.cpu_hz, until)
+        trace = self._journal.trace(self._codes, self.cpu_hz, until)
         return Run(trace, infos, self.tick, find_deadlock(self.tasks[:-1], bool(self.devices)))
 
     def _start(self) -> None:
@@ -273,53 +281,57 @@ class Kernel:
         self.log((0, SWITCH, self.running.code, -1, self.running.priority, -1))
 
     def _simulate(self, until: int) -> None:
-        """Interrupts first, then what takes no time, then time passes: to the next interrupt or the end of a computation."""
-        tick = self.tick
-        self._handle_interrupts()
-        while self.now < until:
-            self._step()
-            due = self._interrupt_due()
-            if due > self.now:
+        """First what takes no time, request by request; then time passes, to the end of a computation or the next interrupt."""
+        tick, delayed, devices, rings = self.tick, self.delayed, self.devices, self.ready.rings
+        every_tick, time_slicing, costs = self._every_tick, self.time_slicing, self._service_costs
+        while (now := self.now) < until:
+            for _ in range(ZERO_TIME_LIMIT):
                 task = self.running
-                stop = min(due, self.now + task.remaining, until)
-                task.remaining -= stop - self.now
-                self.now = stop
-                if stop < due:
-                    self.ticks = stop // tick  # the ticks passed over meant nothing
-            if due <= self.now < until:
-                self._handle_interrupts()
-
-    def _step(self) -> None:
-        """Let the running task go on, and whoever it switches to, until one of them needs time."""
-        started = self.now
-        for _ in range(ZERO_TIME_LIMIT):
-            task = self.running
-            if task.remaining or self.now != started:
-                return
-            if task.pending is not None:
-                (service, arguments), task.pending = task.pending, None
-                service(self, task, *arguments)
-                continue
-            try:
-                request = task.body.send(task.result)
-            except StopIteration:
-                self._end(task)
-                continue
-            if type(request) is int:
-                if request < 0:
-                    raise ValueError(f"task {task.name!r} computes for {request} cycles; at least 0 is allowed")
-                task.remaining, task.computed, task.result = request, True, None
-                continue
-            if type(request) is not tuple:
-                raise ValueError(f"task {task.name!r} yielded {request!r}; a body yields requests such as os.take(lock)")
-            service, arguments = request
-            if self._service_costs and service.__name__ in self._service_costs:
-                self._spend(self._service_costs[service.__name__], SERVICE_COST)
-            service(self, task, *arguments)
-        raise ValueError(
-            f"task {self.running.name!r} is caught in a loop that takes no time: {ZERO_TIME_LIMIT} requests at cycle {self.now} "
-            "without computing or blocking"
-        )
+                if task.remaining or self.now != now:
+                    break
+                if task.pending is not None:
+                    (service, arguments), task.pending = task.pending, None
+                    service(self, task, *arguments)
+                    continue
+                try:
+                    request = task.body.send(task.result)
+                except StopIteration:
+                    self._end(task)
+                    continue
+                if type(request) is int and request >= 0:
+                    task.remaining, task.computed, task.result = request, True, None
+                elif type(request) is tuple:
+                    service, arguments = request
+                    if costs:
+                        self._spend(costs.get(service.__name__, 0), SERVICE_COST)
+                    service(self, task, *arguments)
+                else:
+                    raise ValueError(f"task {task.name!r} yielded {request!r}; requests such as os.take(lock) and cycles from 0 are allowed")
+            else:
+                raise ValueError(
+                    f"task {task.name!r} is caught in a loop that takes no time: {ZERO_TIME_LIMIT} requests at cycle {now} "
+                    "without computing or blocking"
+                )
+            now = self.now
+            # the next tick at which anything can happen: a slice ends or a delayed task wakes
+            if every_tick or time_slicing and len(rings[task.priority]) > 2:
+                tick_due = (self.ticks + 1) * tick
+            else:
+                tick_due = delayed[0][0] * tick if delayed else FOREVER
+            due = devices[0][0] if devices and devices[0][0] < tick_due else tick_due
+            end = now + task.remaining
+            if end < due and end < until:
+                task.remaining = 0
+                self.now = end
+                self.ticks = end // tick  # the ticks passed over meant nothing
+            elif due < until:
+                if due > now:
+                    task.remaining = end - due
+                    self.now = due
+                self._handle_interrupts(tick_due)
+            else:
+                task.remaining = end - until
+                self.now = until
 
     def _end(self, task: Task) -> None:
         complete(self, task)
@@ -332,22 +344,25 @@ class Kernel:
 
     def _tick_due(self) -> int:
         """Cycle of the next tick at which anything can happen: a slice ends or a delayed task wakes."""
-        if self.costs.tick or self.time_slicing and len(self.ready.rings[self.running.priority]) > 2:
+        if self._every_tick or self.time_slicing and len(self.ready.rings[self.running.priority]) > 2:
             return (self.ticks + 1) * self.tick
         return self.delayed[0][0] * self.tick if self.delayed else FOREVER
 
-    def _interrupt_due(self) -> int:
-        due = self._tick_due()
-        return self.devices[0][0] if self.devices and self.devices[0][0] < due else due
-
-    def _handle_interrupts(self) -> None:
+    def _handle_interrupts(self, tick_due: int) -> None:
         """All interrupts that are due, the tick before the devices, and then at most one switch (rule 5)."""
-        while self._interrupt_due() <= self.now:
-            while (at := self._tick_due()) <= self.now:
-                self._tick(at // self.tick)
-            self.ticks = self.now // self.tick
+        while True:
+            before = self.now
+            if tick_due <= before:
+                self._tick(tick_due // self.tick)
+            else:
+                self.ticks = before // self.tick
             while self.devices and self.devices[0][0] <= self.now:
                 self._device()
+            if self.now == before:
+                break
+            tick_due = self._tick_due()  # handling them took time: more may be due by now
+            if tick_due > self.now and not (self.devices and self.devices[0][0] <= self.now):
+                break
         self.ticks = self.now // self.tick
         if self.switch_wanted:
             self.reschedule()
@@ -355,13 +370,18 @@ class Kernel:
     def _tick(self, ticks: int) -> None:
         """Wake the tasks that are due in the order of wake time, then of going to sleep; then test the slice (rules 3, 4)."""
         self.ticks = ticks
-        self._spend(self.costs.tick, TICK_COST)
-        while self.delayed and self.delayed[0][0] <= ticks:
-            _, alarm, task = heappop(self.delayed)
+        if len(self._journal.rows) > JOURNAL_PAGE:
+            self._journal.pack()
+        if self._every_tick:
+            self._spend(self.costs.tick, TICK_COST)
+        delayed = self.delayed
+        while delayed and delayed[0][0] <= ticks:
+            _, alarm, task = heappop(delayed)
             if task.alarm == alarm:
-                if task.release_pending:
-                    release(self, task, task.last_wake * self.tick)
-                self.switch_wanted |= self.make_ready(task)
+                if task.next_release >= 0:
+                    release(self, task, task.next_release)
+                if self.make_ready(task):
+                    self.switch_wanted = True
         if self.time_slicing and len(self.ready.rings[self.running.priority]) > 2 or self.is_outranked():
             self.switch_wanted = True
 
@@ -385,7 +405,8 @@ class Kernel:
         self.switch_wanted = False
         task, before = self.ready.select(), self.running
         if task is not before:
-            self._spend(self.costs.switch, SWITCH_COST)
+            if self._switch_cost:
+                self._spend(self._switch_cost, SWITCH_COST)
             self.log((self.now, SWITCH, task.code, before.code, task.priority, before.state))
             self.running = task
 
@@ -393,7 +414,9 @@ class Kernel:
         """End whatever the task waits for. True if it is strictly above the running one, which then has to go (rules 4, 7)."""
         if task.state == READY:  # notified after its time-out, before it ran
             self.ready.remove(task)
-        self._leave(task)
+        task.alarm = 0
+        if task.waits_in is not None:
+            self._leave(task)
         task.state = READY
         self.ready.insert(task)
         self.log((self.now, READIED, task.code, -1, task.priority, 0))
@@ -405,17 +428,20 @@ class Kernel:
         task.waits_for = task.waits_in = None
         return self.make_ready(task)
 
-    def block(self, task: Task, until: int, pending: Any = None, target: Any = None, waiters: list[Task] | None = None) -> None:
-        """Take the CPU from the running task until tick `until`, or until it is woken as a waiter of `target`."""
-        if waiters is not None:
-            task.waits_for, task.waits_in = target, waiters
-            enqueue(waiters, task)
-            target.protocol.waits(self, task, target)
+    def block(self, task: Task, until: int, pending: Any, target: Any, waiters: list[Task]) -> None:
+        """Take the CPU from the running task until it is woken as a waiter of `target`, or until tick `until`."""
+        task.waits_for, task.waits_in = target, waiters
+        enqueue(waiters, task)
+        target.protocol.waits(self, task, target)
+        self.sleep(task, until, pending)
+
+    def sleep(self, task: Task, until: int, pending: Any = None) -> None:
+        """Take the CPU from the running task until tick `until`; then it first tries again what is pending."""
         task.pending = pending
         task.state = BLOCKED
         self.ready.remove(task)
         if until < FOREVER:
-            task.alarm = self._next()
+            self._sequence = task.alarm = self._sequence + 1
             heappush(self.delayed, (until, task.alarm, task))
         self.reschedule()
 
@@ -425,17 +451,17 @@ class Kernel:
             raise ValueError(f"task {task.name!r} is suspended after it has ended; only a task that exists can be suspended")
         if task.state == READY:
             self.ready.remove(task)
-        self._leave(task)
+        task.alarm = 0
+        if task.waits_in is not None:
+            self._leave(task)
         task.awaits_notification = False
         task.state = SUSPENDED
 
     def _leave(self, task: Task) -> None:
-        """Off the delayed tasks and the waiters, wherever it is."""
-        task.alarm = 0
-        if task.waits_in is not None:
-            task.waits_in.remove(task)
-            target, task.waits_for, task.waits_in = task.waits_for, None, None
-            target.protocol.left(self, task, target)
+        """Stop waiting for an object without having been woken by it."""
+        task.waits_in.remove(task)
+        target, task.waits_for, task.waits_in = task.waits_for, None, None
+        target.protocol.left(self, task, target)
 
     def change_priority(self, task: Task, priority: int) -> None:
         """A ready task changes lists, or its place in its list (rule 21); of any other only the number changes (rule 14)."""

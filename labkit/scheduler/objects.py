@@ -28,7 +28,7 @@ class Task:
     __slots__ = (
         "name", "code", "number", "created", "stack_free", "deadline", "base", "priority", "key", "state", "remaining", "body", "result",
         "pending", "alarm", "waits_for", "waits_in", "held", "inherited", "notified", "awaits_notification", "last_wake",
-        "computed", "job", "released", "release_pending",
+        "computed", "job", "released", "next_release",
     )  # fmt: skip
 
     def __init__(self, name: str, code: int, number: int, priority: int, deadline: int | None = None, stack_free: int | None = None):
@@ -50,8 +50,7 @@ class Task:
         self.last_wake = 0  # ticks, the variable of delay_until
         self.computed = False
         self.job = -1
-        self.released = -1  # nominal release of the open job in cycles; -1: no job is open
-        self.release_pending = False
+        self.released = self.next_release = -1  # nominal release of the open job, and of the one slept for, in cycles; -1: none
 
     def __repr__(self) -> str:
         return f"<task {self.name!r}>"
@@ -132,10 +131,12 @@ class ReadyLists:
     def select(self) -> Task:
         """The next task of the highest priority that has one; there always is one, the idle task."""
         ring = self.rings[self.occupied.bit_length() - 1]
-        ring.append(ring.pop(0))
-        if ring[-1] is None:
-            ring.append(ring.pop(0))
-        return ring[-1]
+        task = ring.pop(0)
+        if task is None:
+            task = ring.pop(0)
+            ring.append(None)
+        ring.append(task)
+        return task
 
     def highest(self) -> int:
         """The highest priority that has a ready task."""

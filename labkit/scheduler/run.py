@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 
-import numpy as np
-
 from labkit.scheduler.objects import BLOCKED, DELETED, Task
-from labkit.trace.trace import COLUMNS, Trace
+from labkit.trace import Trace
 
 
 @dataclass(frozen=True)
@@ -74,9 +72,3 @@ def wait_of(task: Task) -> Wait:
     holder = target.holder if hasattr(target, "holder") else None
     return Wait(task.name, target.name, holder.name if holder else None)
 
-
-def record(numbers: Sequence[int], names: Iterable[str], hz: int, end: int) -> Trace:
-    """The trace of rows written one behind the other, in order of time, as far as they lie before `end`."""
-    table = np.array(numbers, dtype=np.int64).reshape(-1, len(COLUMNS))
-    table = table[: np.searchsorted(table[:, 0], end)]
-    return Trace(*np.ascontiguousarray(table.T), names=tuple(names), hz=hz, start=0, end=end)

@@ -179,7 +179,7 @@ def notify_take(k: Kernel, task: Task, clear: bool, timeout: int | None) -> None
     else:
         k.log((k.now, NOTIFY_TAKE_BLOCK, task.code, -1, 0, 0))
         task.awaits_notification = True
-        k.block(task, _deadline(k, timeout), (_notify_take, (clear,)))
+        k.sleep(task, _deadline(k, timeout), (_notify_take, (clear,)))
 
 
 def _notify_take(k: Kernel, task: Task, clear: bool) -> None:
@@ -198,25 +198,27 @@ def delay(k: Kernel, task: Task, ticks: int) -> None:
     task.result = None
     k.log((k.now, DELAY, task.code, -1, wake * k.tick, 0))
     if ticks:
-        k.block(task, wake)
+        k.sleep(task, wake)
     else:
         k.reschedule()  # rule 8
 
 
 def delay_until(k: Kernel, task: Task, period: int) -> None:
     """Rule 25. Each call ends a job and releases the next one; the nominal release is the wake time, even if that has passed."""
-    if task.released < 0 and task.job < 0 and task.computed:
+    if task.job < 0 and task.computed and task.released < 0:
         release(k, task, 0)  # the body began with a job instead of waiting for its first release: that job was released at 0
-    complete(k, task)
+    if task.released >= 0:
+        complete(k, task)
     wake = task.last_wake = task.last_wake + period
+    at = wake * k.tick
     task.result = None
     if wake > k.ticks:
-        k.log((k.now, DELAY_UNTIL, task.code, -1, wake * k.tick, 1))
-        task.release_pending = True
-        k.block(task, wake)
+        k.log((k.now, DELAY_UNTIL, task.code, -1, at, 1))
+        task.next_release = at
+        k.sleep(task, wake)
     else:
-        k.log((k.now, DELAY_UNTIL, task.code, -1, wake * k.tick, 0))
-        release(k, task, wake * k.tick)
+        k.log((k.now, DELAY_UNTIL, task.code, -1, at, 0))
+        release(k, task, at)
         k.reschedule()
 
 
@@ -249,8 +251,8 @@ def resumed(k: Kernel, by: int, target: Task) -> bool:
     if target.state != SUSPENDED:
         return False
     k.log((k.now, RESUME, by, target.code, 0, 0))
-    if target.release_pending:
-        release(k, target, target.last_wake * k.tick)
+    if target.next_release >= 0:
+        release(k, target, target.next_release)
     return k.make_ready(target)
 
 
@@ -280,7 +282,7 @@ def set_priority(k: Kernel, task: Task, target: Task | None, priority: int) -> N
 
 def release(k: Kernel, task: Task, nominal: int) -> None:
     """A job begins: its response time counts from `nominal`, in cycles."""
-    task.release_pending = False
+    task.next_release = -1
     task.job += 1
     task.released = nominal
     k.log((k.now, RELEASE, task.code, -1, nominal, task.job))
@@ -385,7 +387,9 @@ class Services:
 
     def delay_until(self, period: int) -> Request:
         """Sleep until the previous wake time plus `period` (the first counts from 0); a late call only yields. Ends the job."""
-        return delay_until, (_ticks(period, 1, "delay_until"),)
+        if type(period) is not int or period < 1:
+            _ticks(period, 1, "delay_until")
+        return delay_until, (period,)
 
     def yield_cpu(self) -> Request:
         """Let the next task of the same priority run."""
