@@ -54,7 +54,8 @@ class TaskPair:
     """One periodic TAFT task: a main part that may be aborted, and an exception part that then runs instead.
 
     Attributes:
-        name, period, deadline, offset: as in `PeriodicTask`.
+        name, period, offset: as in `PeriodicTask`.
+        deadline: as there, but not above the period.
         ecet: expected execution time of the main part, the time it is guaranteed before an abort.
         ep_wcet: longest execution time of the exception part; 0 if an abort needs no cleaning up.
     """
@@ -71,6 +72,8 @@ class TaskPair:
             object.__setattr__(self, "deadline", self.period)
         for field, least in (("ecet", 1), ("ep_wcet", 0), ("period", 1), ("deadline", 1), ("offset", 0)):
             _whole(self, field, least)
+        if self.deadline > self.period:
+            raise ValueError(f"task {self.name!r}: deadline {self.deadline} exceeds its period {self.period}; a pair's must not")
         over = self.ecet + self.ep_wcet - self.deadline
         if over > 0:
             parts = f"ecet {self.ecet} and ep_wcet {self.ep_wcet}"

@@ -13,7 +13,7 @@ TICK = 20
 
 def run(task_list, until, costs=Costs(), offsets=None):
     """Periodic tasks that use all of their wcet; the time of each job's last cycle, less its release, longest for each task."""
-    kernel = Kernel(cpu_hz=1000 * TICK, tick_hz=1000, priorities=len(task_list) + 1, costs=costs)
+    kernel = Kernel(cpu_hz=1000 * TICK, priorities=len(task_list) + 1, costs=costs)
     for i, task in enumerate(task_list):
 
         def body(os, task=task, offset=(offsets or {}).get(task.name, 0)):
@@ -30,7 +30,7 @@ def run(task_list, until, costs=Costs(), offsets=None):
 
 
 def longest_response(trace, code):
-    """A job has answered when it has used its last cycle; what it calls then comes later if an interrupt is due at that instant."""
+    """A job has answered when it has used its last cycle; its closing call comes later if an interrupt is due at that instant."""
     rows = trace.rows("switch", "overhead", "release", "complete")
     switch, overhead, release, complete = (CODE[kind] for kind in ("switch", "overhead", "release", "complete"))
     released, running, since, last, longest = {}, None, 0, 0, 0

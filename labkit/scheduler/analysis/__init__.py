@@ -21,6 +21,14 @@ from labkit.scheduler.analysis.edf import (
     qpa_test,
 )
 from labkit.scheduler.analysis.fixed_priority import Overheads, job_responses, response_time_test, response_times, utilization
+from labkit.scheduler.analysis.taft import (
+    latest_slots,
+    taft_demand_test,
+    taft_period_test,
+    taft_plan_test,
+    taft_test,
+    taft_utilization,
+)
 from labkit.scheduler.analysis.verdict import UndecidedError, Verdict
 
 __all__ = [
@@ -42,11 +50,17 @@ __all__ = [
     "hyperbolic_bound",
     "hyperbolic_test",
     "job_responses",
+    "latest_slots",
     "liu_layland_bound",
     "liu_layland_test",
     "processor_demand_test",
     "qpa_test",
     "response_time_test",
     "response_times",
+    "taft_demand_test",
+    "taft_period_test",
+    "taft_plan_test",
+    "taft_test",
+    "taft_utilization",
     "utilization",
 ]

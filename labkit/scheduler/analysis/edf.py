@@ -1,7 +1,7 @@
 """Earliest deadline first, preemptive, on one processor: processor demand, and exact response times.
 
-Integers and fractions only. Arrivals are at least a period apart and may come at the worst moments (sporadic tasks, or periodic ones
-of unknown offsets); known offsets are not used. A release jitter J shortens a deadline to D - J, counted from the release.
+Integers and fractions only. Arrivals are at least a period apart and may come at the worst moments (sporadic tasks, or periodic
+ones of unknown offsets); known offsets are not used. A release jitter J shortens a deadline to D - J, counted from the release.
 """
 
 from __future__ import annotations
@@ -37,7 +37,8 @@ def demand_limit(tasks: Iterable[PeriodicTask]) -> Fraction | None:
 def busy_period(tasks: Iterable[PeriodicTask]) -> int | None:
     """Longest time the processor can be busy without a pause; None if for ever.
 
-    That is so for U > 1, and for U = 1 with jitter; at U = 1 without jitter it is the time to the next moment without pending work.
+    That is so for U > 1, and for U = 1 with jitter; at U = 1 without jitter it is the time to the next moment at which no work is
+    pending.
     """
     return least_window(0, [(t.wcet, t.period, t.jitter) for t in tasks])
 
@@ -118,7 +119,9 @@ def edf_response_times(tasks: Iterable[PeriodicTask]) -> dict[str, int | None]:
     worst: dict[str, int | None] = {}
     for task in tasks:
         # at U = 1 with jitter the busy period never ends; the responses repeat once all tasks take part
-        last = busy if busy is not None else lcm(*(t.period for t in tasks)) + max(0, max(_room(t) for t in tasks) - task.deadline)
+        last = busy
+        if last is None:
+            last = lcm(*(t.period for t in tasks)) + max(0, max(_room(t) for t in tasks) - task.deadline)
         if sum(last // t.period + 1 for t in tasks) > MAX_STEPS:
             raise UndecidedError(f"task {task.name!r}: more than {MAX_STEPS} arrivals in a busy period of {last}")
         arrivals = {arrival for other in tasks for arrival in range(_first_arrival(other, task), last, other.period)}
