@@ -8,9 +8,12 @@ from labkit.experiment import Experiment, ParameterError
 
 #: Class -> module, in teaching order. A new experiment is one line here.
 MODULES: dict[str, str] = {
+    "ThreeTasks": "start_here",
     "PriorityInversion": "priority_inversion",
     "NestedMutexes": "priority_inversion",
     "MarsPathfinder": "priority_inversion",
+    "QueueLab": "messages",
+    "SignalLab": "messages",
 }
 
 

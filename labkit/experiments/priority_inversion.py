@@ -25,7 +25,7 @@ Protocol = Annotated[
     Literal["freertos", "inheritance", "ceiling", "none"], Labels(PROTOCOLS), Doc("what the lock of the lower timeline does about priorities")]
 
 BASE = {"H": 3, "M": 2, "L": 1}
-H_BEFORE, H_INSIDE, L_AFTER = 1, 3, 2  # ms of work: H before and inside its critical section, L after its own
+H_BEFORE, H_INSIDE, H_AFTER, L_AFTER = 1, 3, 1, 2  # ms of work before, inside and after the critical section
 
 
 @dataclass(frozen=True)
@@ -92,6 +92,7 @@ class PriorityInversion(Experiment):
             yield os.take(lock)
             yield os.compute(H_INSIDE * os.ms)
             yield os.give(lock)
+            yield os.compute(H_AFTER * os.ms)
 
         for name, body in (("L", low), ("M", middle), ("H", high)):
             k.task(name, body, BASE[name])
@@ -99,13 +100,13 @@ class PriorityInversion(Experiment):
 
     def horizon(self) -> int:
         """Length of the run in ms: whatever the order, everybody has ended."""
-        work = H_BEFORE + H_INSIDE + self.hold + L_AFTER + self.interference
+        work = H_BEFORE + H_INSIDE + H_AFTER + self.hold + L_AFTER + self.interference
         return max(self.release_H, self.release_M) + work + 2
 
     def bound(self, protocol: str) -> int | None:
         """The analytical bound on H's blocking in ms, whatever the releases."""
         never = 10 * self.horizon()  # every task has one job, so its period is longer than anything here
-        tasks = [PeriodicTask("H", H_BEFORE + H_INSIDE, never), *([PeriodicTask("M", self.interference, never)] if self.interference else []),
+        tasks = [PeriodicTask("H", H_BEFORE + H_INSIDE + H_AFTER, never), *([PeriodicTask("M", self.interference, never)] if self.interference else []),
                  PeriodicTask("L", self.hold + L_AFTER, never)]
         sections = [CriticalSection("H", "S", H_INSIDE), CriticalSection("L", "S", self.hold)]
         return blocking_bounds(tasks, sections, "none" if protocol == "semaphore" else protocol)["H"]

@@ -56,7 +56,7 @@ def timeline(panels: Sequence[Panel], tasks: Sequence[str], base: Mapping[str, i
             tickvals=list(row.values()), ticktext=[f"<b>{name}</b>" for name in row], showgrid=False, fixedrange=True)
         axes[steps.replace("y", "yaxis")] = axis(
             "priority", domain=[low + 0.06 * share, low + 0.29 * share], range=[levels[0] - 0.6, levels[-1] + 0.6], tickvals=levels, fixedrange=True)
-        data += _rows(panel.trace, row, locks, gantt, legend=i == 0)
+        data += bars_of(panel.trace, row, locks, gantt, legend=i == 0)
         data += _steps(panel.trace, tasks, steps)
         notes.append({"text": f"<b>{panel.title}</b>", "xref": "paper", "yref": "paper", "x": 0, "y": top, "yanchor": "top",
                       "xanchor": "left", "showarrow": False, "font": {"size": 17}})
@@ -76,7 +76,8 @@ def _ms(trace: Trace, time: Any) -> Any:
     return (time - trace.start) * (1e3 / trace.hz)
 
 
-def _rows(trace: Trace, row: Mapping[str, float], locks: Sequence[str], yaxis: str, legend: bool) -> list[dict[str, Any]]:
+def bars_of(trace: Trace, row: Mapping[str, float], locks: Sequence[str], yaxis: str, legend: bool) -> list[dict[str, Any]]:
+    """The five plotly traces of a Gantt chart: ready, waiting, running, holding a lock, releases; `row` gives the height of each task."""
     names = np.array(trace.names, dtype=object)
     colour = colours(row)
     wide = _ms(trace, trace.end) / 25  # a bar with room for a name

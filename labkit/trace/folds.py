@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from labkit.trace.kinds import CODE
+from labkit.trace.kinds import CODE, STATES
 from labkit.trace.trace import Trace
 
 SWITCH, DONE, OVERHEAD = CODE["switch"], CODE["done"], CODE["overhead"]
@@ -85,6 +85,27 @@ def waits(trace: Trace) -> np.ndarray:
             rows.append((other, *open_waits.pop(other), time))
     rows += [(task, target, start, trace.end) for task, (target, start) in open_waits.items()]
     return _table(rows, 4, by=2)
+
+
+def ready(trace: Trace) -> np.ndarray:
+    """Ready but not running, columns (task, start, end): preempted, sliced out, or not yet chosen."""
+    since: dict[int, int] = {}
+    running, rows = -1, []
+    for time, kind, task, other, _, extra in trace.rows("ready", "switch", "suspend").tolist():
+        if kind == SWITCH:
+            running = task
+            if extra == STATES.index("ready") and other >= 0:
+                since.setdefault(other, time)
+        elif kind == CODE["ready"]:
+            if task != running:
+                since.setdefault(task, time)
+            continue
+        gone = task if kind == SWITCH else other
+        if since.get(gone, time) < time:
+            rows.append((gone, since[gone], time))
+        since.pop(gone, None)
+    rows += [(task, start, trace.end) for task, start in since.items() if start < trace.end]
+    return _table(rows, 3, by=1)
 
 
 def priorities(trace: Trace) -> np.ndarray:

@@ -1,0 +1,218 @@
+"""Notebook 01, second half: what gets from one task to another, and what gets lost on the way (source 1, 2.1.1 and table 1)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from annotated_types import Interval, MultipleOf, Unit
+from typing_extensions import Doc
+
+from labkit.experiment import Experiment, Labels, Metric, Verdict
+from labkit.figures.activity import Steps, activity
+from labkit.figures.style import BLUE, GREEN, VERMILION
+from labkit.scheduler import Costs, Kernel, Run
+from labkit.trace import Trace
+from labkit.trace.kinds import CODE
+
+WINDOW = 60  # ms simulated
+
+
+def times(trace: Trace, *kinds: str) -> np.ndarray:
+    """Times of the events of these kinds, in ms."""
+    return trace.rows(*kinds)[:, 0] * (1e3 / trace.hz)
+
+
+@dataclass(frozen=True)
+class Delivery:
+    """What became of the items: sent and received as (n, 2) arrays of (ms, item), and when one was dropped."""
+
+    run: Run
+    sent: np.ndarray
+    received: np.ndarray
+    dropped: np.ndarray
+
+
+class QueueLab(Experiment):
+    """Does every message arrive, and how old is it then?
+
+    A producer sends a counter every few milliseconds, a consumer needs time for each item. The modes are those of the robot: the
+    encoder overwrites a mailbox for the odometry, and sends without waiting to the wheel control.
+    """
+
+    mode: Annotated[Literal["drop", "wait", "overwrite"], Labels({
+        "drop": "send, wait time 0: drop when full", "wait": "send, wait until there is room", "overwrite": "overwrite a mailbox of length 1"}),
+        Doc("what the producer does when the queue is full")] = "drop"
+    length: Annotated[int, Interval(ge=1, le=12), Unit("items"), Doc("room in the queue (a mailbox always has 1)")] = 3
+    produce_every: Annotated[int, Interval(ge=1, le=10), Unit("ms"), Doc("period of the producer")] = 2
+    consume_in: Annotated[int, Interval(ge=1, le=10), Unit("ms"), Doc("work of the consumer for each item")] = 3
+    urgent: Annotated[Literal["producer", "consumer"], Doc("which of the two has the higher priority")] = "producer"
+
+    def run(self) -> Delivery:
+        k = Kernel()
+        queue = k.queue("Q", 1 if self.mode == "overwrite" else self.length)
+
+        def producer(os: Any) -> Any:
+            for item in range(WINDOW):
+                if self.mode == "overwrite":
+                    yield os.overwrite(queue, item)
+                else:
+                    yield os.send(queue, item, timeout=0 if self.mode == "drop" else None)
+                yield os.compute(os.ms // 10)
+                yield os.delay_until(self.produce_every)
+
+        def consumer(os: Any) -> Any:
+            while True:
+                yield os.receive(queue)
+                yield os.compute(self.consume_in * os.ms)
+
+        high, low = (2, 1) if self.urgent == "producer" else (1, 2)
+        k.task("producer", producer, high)
+        k.task("consumer", consumer, low)
+        run = k.run(until=WINDOW * k.ms)
+
+        def items(*kinds: str) -> np.ndarray:
+            rows = run.trace.rows(*kinds)
+            return np.stack([rows[:, 0] * (1e3 / run.trace.hz), rows[:, 5]], axis=1)
+
+        return Delivery(run, items("send", "overwrite"), items("recv"), times(run.trace, "send_fail"))
+
+    def overwritten(self, result: Delivery) -> int:
+        """Items that a newer one replaced before anybody read them."""
+        return int((result.run.trace.rows("overwrite")[:, 4] > 0).sum())
+
+    def ages(self, result: Delivery) -> np.ndarray:
+        """Age of each received item at its receipt in ms: from when the producer had it ready, period times number."""
+        return result.received[:, 0] - result.received[:, 1] * self.produce_every
+
+    def fill(self, result: Delivery) -> tuple[np.ndarray, np.ndarray]:
+        """Times in ms and the items in the queue from then on."""
+        rows = result.run.trace.rows("send", "overwrite", "recv")
+        after = np.where(rows[:, 1] == CODE["recv"], rows[:, 4] - 1, rows[:, 4] + 1)
+        after[rows[:, 1] == CODE["overwrite"]] = 1
+        return np.append(0.0, rows[:, 0] * (1e3 / result.run.trace.hz)), np.append(0, after)
+
+    def figure(self, result: Delivery) -> dict[str, Any]:
+        when, fill = self.fill(result)
+        return activity(result.run.trace, ("producer", "consumer"), [Steps("items in the queue", when, fill, BLUE)], "items", WINDOW,
+                        marks={"dropped": (result.dropped, fill.max(initial=0) + 0.5, "x", VERMILION)})
+
+    def metrics(self, result: Delivery) -> list[Metric]:
+        ages = self.ages(result)
+        lost = len(result.dropped) + self.overwritten(result)
+        rate = 1000 / max(self.produce_every, self.consume_in)
+        return [
+            Metric("sent", len(result.sent), "items"),
+            Metric("received", len(result.received), "items"),
+            Metric("dropped or overwritten", lost, "items", good=not lost),
+            Metric("oldest at receipt", float(ages.max()) if len(ages) else None, "ms"),
+            Metric("mean age at receipt", float(ages.mean()) if len(ages) else None, "ms"),
+            Metric("the slower side allows", rate, "items/s", note="in the long run no queue makes this larger"),
+        ]
+
+
+@dataclass(frozen=True)
+class Service:
+    """Events raised and served over time (ms), and the latency of each wake-up of the handler in us."""
+
+    run: Run
+    raised: np.ndarray
+    served: np.ndarray
+    counts: np.ndarray
+    latencies: np.ndarray
+
+
+MECHANISMS = {
+    "binary": "binary semaphore", "counting": "counting semaphore, length 8", "notify_clear": "notification, take clears",
+    "notify_decrement": "notification, take decrements",
+}
+
+
+class SignalLab(Experiment):
+    """Semaphore or notification: what does an interrupt's signal cost, and can it get lost?
+
+    A device interrupts in bursts; a handler task serves the events. The cost of a semaphore call is a parameter, the notification's
+    is given relative to it: FreeRTOS's own documentation claims that unblocking by notification is up to 45 % faster.
+    """
+
+    mechanism: Annotated[Literal["binary", "counting", "notify_clear", "notify_decrement"], Labels(MECHANISMS), Doc("how the interrupt tells the task")] = "binary"
+    burst: Annotated[int, Interval(ge=1, le=10), Unit("events"), Doc("interrupts in a row, 100 us apart")] = 4
+    burst_every: Annotated[int, Interval(ge=2, le=20), Unit("ms"), Doc("distance of the bursts")] = 10
+    serve_in: Annotated[int, Interval(ge=100, le=3000), MultipleOf(100), Unit("us"), Doc("work of the handler for each event")] = 600
+    semaphore_cycles: Annotated[int, Interval(ge=100, le=2000), MultipleOf(50), Unit("cycles"), Doc("cost of a semaphore's give or take")] = 400
+    notification_saves: Annotated[int, Interval(ge=0, le=60), MultipleOf(5), Unit("%"), Doc("how much less a notification costs")] = 45
+
+    def run(self) -> Service:
+        notification = self.mechanism.startswith("notify")
+        call = round(self.semaphore_cycles * (1 - self.notification_saves / 100)) if notification else self.semaphore_cycles
+        # a give from an interrupt is charged with its entry; a take when it is called, so before the handler sleeps
+        k = Kernel(costs=Costs(switch=200, service={"take": call, "notify_take": call}, isr_entry=100 + call, isr_exit=50))
+        semaphore = k.counting("S", 8 if self.mechanism == "counting" else 1)
+        clears = self.mechanism == "notify_clear"
+        signal = [0]
+
+        def handler(os: Any) -> Any:
+            while True:
+                if notification:
+                    count = yield os.notify_take(clear=clears)
+                    events = count if clears else 1
+                else:
+                    yield os.take(semaphore)
+                    events = 1
+                for _ in range(events):
+                    signal[0] += 1
+                    yield os.mark(signal[0])
+                    yield os.compute(self.serve_in * os.us)
+
+        task = k.task("handler", handler, 3)
+        raised = []
+        for start in range(1, WINDOW, self.burst_every):
+            for n in range(self.burst):
+                raised.append(start * k.ms + n * 100 * k.us)
+                k.interrupt(raised[-1], (lambda isr: isr.notify_give(task)) if notification else (lambda isr: isr.give(semaphore)))
+        run = k.run(until=WINDOW * k.ms)
+        marks = run.trace.rows("mark")
+        first = np.array([at for at in raised if (at - raised[0]) % (self.burst_every * k.ms) == 0])
+        after = np.searchsorted(marks[:, 0], first)
+        known = after < len(marks)
+        ms = 1e3 / run.trace.hz
+        idle = np.array([self._asleep(run, at) for at in first], dtype=bool)
+        latencies = (marks[after[known], 0] - first[known])[idle[known]] * ms * 1e3
+        return Service(run, np.array(raised) * ms, marks[:, 0] * ms, marks[:, 4], latencies)
+
+    @staticmethod
+    def _asleep(run: Run, at: int) -> bool:
+        """Whether nobody but the idle task ran at that time, so that the latency is the mechanism's and not the backlog's."""
+        switches = run.trace.rows("switch")
+        before = switches[switches[:, 0] < at]
+        return len(before) > 0 and run.trace.names[before[-1, 2]] == "IDLE"
+
+    def figure(self, result: Service) -> dict[str, Any]:
+        steps = [Steps("raised", np.append(0.0, result.raised), np.arange(len(result.raised) + 1), VERMILION),
+                 Steps("served", np.append(0.0, result.served), np.append(0, result.counts), GREEN)]
+        return activity(result.run.trace, ("handler",), steps, "events", WINDOW, height=430)
+
+    def metrics(self, result: Service) -> list[Metric]:
+        lost = len(result.run.trace.rows("give_fail"))
+        waiting = len(result.raised) - len(result.served) - lost
+        return [
+            Metric("raised", len(result.raised), "events"),
+            Metric("served", len(result.served), "events"),
+            Metric("lost", lost, "events", good=not lost, note="the semaphore was full when the interrupt gave it"),
+            Metric("not yet served at the end", waiting, "events"),
+            Metric("interrupt to handler, idle CPU", float(result.latencies.max()) if len(result.latencies) else None, "us",
+                   note="longest of the first events of a burst that found the CPU idle" if len(result.latencies) else "the handler never slept"),
+        ]
+
+
+def check_shortest_queue(answer: QueueLab) -> Verdict:
+    """Exercise 4: the shortest queue that loses nothing in 60 ms for a producer of 2 ms and a consumer of 3 ms."""
+    given = QueueLab(length=answer.length)
+    if answer != given:
+        return Verdict(False, "change the length only; period, work, mode and priority stay as they are.")
+    lost = len(given.run().dropped)
+    if lost:
+        return Verdict(False, f"a queue of {answer.length} loses {lost} items.")
+    shorter = answer.length > 1 and not len(QueueLab(length=answer.length - 1).run().dropped)
+    return Verdict(not shorter, f"a queue of {answer.length} loses nothing{', but a shorter one neither' if shorter else ', and one less loses something'}.")

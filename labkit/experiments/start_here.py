@@ -1,0 +1,86 @@
+"""Notebook 00: the first bench. Three control tasks of the robot under rate-monotonic priorities, simulation beside analysis."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+import numpy as np
+from annotated_types import Interval, MultipleOf, Unit
+from typing_extensions import Doc
+
+from labkit.experiment import Experiment, Metric
+from labkit.figures.timeline import Panel, timeline
+from labkit.scheduler import Kernel, Run
+from labkit.scheduler.analysis import response_times, utilization
+from labkit.scheduler.tasksets import PeriodicTask
+
+PRIORITY = {"wheel_ctrl": 3, "odometry": 2, "pose_ctrl": 1}
+HORIZON = 240  # ms: the least common multiple of every period the sliders allow is longer, so a window
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """The simulation, with the longest response seen and the bound computed for each task, in ms (None: no bound, it overloads)."""
+
+    run: Run
+    longest: dict[str, float]
+    bound: dict[str, float | None]
+
+
+class ThreeTasks(Experiment):
+    """Does every job finish before the next one comes?
+
+    Three control tasks with the robot's names, the shorter the period the higher the priority. All start at 0, which is the worst
+    case, so the longest response of the simulation is the one that response-time analysis computes.
+    """
+
+    wheel_work: Annotated[float, Interval(ge=0.5, le=9.5), MultipleOf(0.5), Unit("ms"), Doc("work of each job of wheel_ctrl, period 10 ms")] = 3.0
+    odometry_work: Annotated[float, Interval(ge=0.5, le=19.5), MultipleOf(0.5), Unit("ms"), Doc("work of each job of odometry, period 20 ms")] = 5.0
+    pose_work: Annotated[float, Interval(ge=0.5, le=39.5), MultipleOf(0.5), Unit("ms"), Doc("work of each job of pose_ctrl")] = 9.0
+    pose_period: Annotated[int, Interval(ge=20, le=60), Unit("ms"), Doc("period of pose_ctrl")] = 40
+
+    def tasks(self, us: int = 1) -> list[PeriodicTask]:
+        """The task set in priority order, in units of a microsecond (or `us` of a finer unit each)."""
+        work = {"wheel_ctrl": self.wheel_work, "odometry": self.odometry_work, "pose_ctrl": self.pose_work}
+        period = {"wheel_ctrl": 10, "odometry": 20, "pose_ctrl": self.pose_period}
+        return [PeriodicTask(name, round(work[name] * 1000) * us, period[name] * 1000 * us, deadline=10**9 * us) for name in PRIORITY]
+
+    def run(self) -> Schedule:
+        k = Kernel()
+        tasks = self.tasks()
+
+        def body(task: PeriodicTask) -> Any:
+            def forever(os: Any) -> Any:
+                while True:
+                    yield os.compute(task.wcet * os.us - 1)  # its last cycle is the call below, else a tick comes between the two
+                    yield os.delay_until(task.period // 1000)
+            return forever
+
+        for task in reversed(tasks):
+            k.task(task.name, body(task), PRIORITY[task.name], deadline=task.period * k.us)
+        run = k.run(until=HORIZON * k.ms)
+        bounds = response_times(tasks)
+        return Schedule(run, self._longest(run), {name: None if r is None else r / 1000 for name, r in bounds.items()})
+
+    @staticmethod
+    def _longest(run: Run) -> dict[str, float]:
+        releases = {(task, job): nominal for _, _, task, _, nominal, job in run.trace.rows("release").tolist()}
+        longest = dict.fromkeys(PRIORITY, 0.0)
+        for time, _, task, _, _, job in run.trace.rows("complete").tolist():
+            name = run.trace.names[task]
+            longest[name] = max(longest[name], (time - releases[task, job]) * 1e3 / run.trace.hz)
+        return longest
+
+    def figure(self, result: Schedule) -> dict[str, Any]:
+        return timeline([Panel("The first 80 ms", result.run.trace)], tasks=tuple(PRIORITY), base=PRIORITY, end=80, height=330)
+
+    def metrics(self, result: Schedule) -> list[Metric]:
+        load = float(utilization(self.tasks()))
+        found = [Metric("utilisation", 100 * load, "%", good=load <= 1, note="above 100 % the lowest task falls behind without end")]
+        for task in self.tasks():
+            bound, longest = result.bound[task.name], result.longest[task.name]
+            found.append(Metric(f"longest response of {task.name}", longest, "ms", bound=bound,
+                                good=bound is not None and bound <= task.period / 1000,
+                                note=f"deadline {task.period // 1000} ms" + ("" if bound is not None else "; no bound: it overloads")))
+        return found
