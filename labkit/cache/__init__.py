@@ -5,6 +5,7 @@ traces; `timing` turns counts into cycles; `violations` finds where a program re
 """
 
 from labkit.cache.cache import Cache
+from labkit.cache.coherence import Violation, violations
 from labkit.cache.counting import COUNTS, count, count_trace
 from labkit.cache.dma import Dma
 from labkit.cache.folds import MissClasses, counts, miss_classes, references_of, replay, timeline
@@ -15,7 +16,7 @@ from labkit.cache.references import References, TraceFileError, read_trace
 from labkit.cache.stm32f767 import SOURCE1_MPU, stm32f767
 
 __all__ = [
-    "COUNTS", "DCACHE", "ICACHE", "SOURCE1_MPU", "Access", "Attribute", "Cache", "Dma", "Geometry", "Memory", "MissClasses", "MpuRegion",
-    "Operation", "References", "Region", "TraceFileError", "Transfer", "count", "count_trace", "counts", "data_of", "miss_classes",
-    "read_trace", "references_of", "replay", "stm32f767", "timeline",
+    "COUNTS", "DCACHE", "ICACHE", "SOURCE1_MPU", "Access", "Attribute", "Cache", "Dma", "Geometry", "Memory", "MissClasses",
+    "MpuRegion", "Operation", "References", "Region", "TraceFileError", "Transfer", "Violation", "count", "count_trace", "counts",
+    "data_of", "miss_classes", "read_trace", "references_of", "replay", "stm32f767", "timeline", "violations",
 ]

@@ -45,7 +45,7 @@ class Cache:
             if region.start % geometry.line or region.size % geometry.line:
                 raise ValueError(f"region {region.name} is no whole number of {geometry.line}-byte lines")
         if geometry.line > 32 and memory.mpu:
-            raise ValueError(f"MPU regions with lines of {geometry.line} bytes; they may start on any 32 bytes, so lines must not be longer")
+            raise ValueError(f"MPU regions with lines of {geometry.line} bytes; with them, lines may have 32 bytes at most")
         self.memory, self.geometry = memory, geometry
         self.policy = make_policy(policy, geometry.sets, geometry.ways, seed) if isinstance(policy, str) else policy
         self.force_write_through, self.shared_write_through = force_write_through, shared_write_through
@@ -132,9 +132,11 @@ class Cache:
 
     def _access(self, op: str, address: int, size: int, data: bytes) -> tuple[Access, ...]:
         self.memory.check(address, size, write=op != "read")
-        spans = [(max(address, line), min(address + size, line + self.geometry.line)) for line in self.geometry.span(address, size)]
+        length = self.geometry.line
+        spans = [(max(address, line), min(address + size, line + length)) for line in self.geometry.span(address, size)]
         if (size not in (1, 2, 4, 8) or address % size) and any(self.memory.attribute(at).device for at, _ in spans):
-            raise ValueError(f"access of {size} bytes at {address:#x}; device memory takes only aligned accesses of 1, 2, 4 or 8 bytes")
+            raise ValueError(f"access of {size} bytes at {address:#x}; "
+                             "device memory takes aligned accesses of 1, 2, 4 or 8 bytes only")
         self._number += 1
         allocate = True
         if self._stores and not self._bypass(self.memory.attribute(address)):
@@ -152,7 +154,8 @@ class Cache:
             got = data if op == "write" else self.memory.read(address, size)
             if op != "read":
                 self.memory.write(address, data)
-            return self._log(Access(self._number, op, address, size, got, line, -1, -1, bypass, False, False, None, False, op != "read"))
+            return self._log(Access(self._number, op, address, size, got, line, -1, -1, bypass,
+                                    hit=False, filled=False, victim=None, written_back=False, to_memory=op != "read"))
 
         index, way = self.geometry.set_index(address), self._way.get(line)
         hit, filled, victim, written_back, to_memory = way is not None, False, None, False, False
@@ -194,10 +197,11 @@ class Cache:
         self.policy.fill(index, way)
         return way, victim, written_back
 
-    def _maintain(self, op: str, address: int | None, size: int | None, round_size: bool, *, write_back: bool, drop: bool) -> Operation:
+    def _maintain(self, op: str, address: int | None, size: int | None, round_size: bool, *, write_back: bool,
+                  drop: bool) -> Operation:
         if (address is None) != (size is None) or size is not None and size < 0 or address is not None and address < 0:
-            raise ValueError(f"{op} with address {address} and size {size}; give both, neither below 0, or none for the whole cache")
-        lines = neighbours = missed = None
+            raise ValueError(f"{op} with address {address} and size {size}; give both, not below 0, or none for the whole cache")
+        lines, neighbours, missed = None, (), None
         if address is not None and size is not None:
             lines, neighbours, missed = self._rounded(address, size, round_size)
         written, dropped, lost = [], [], []
@@ -215,9 +219,10 @@ class Cache:
                 self._sets[index][way] = None
                 del self._way[held.address]
                 self.policy.invalidate(index, way)
-        return self._log(Operation(op, address, size, lines, neighbours or (), missed, tuple(written), tuple(dropped), tuple(lost)))
+        return self._log(Operation(op, address, size, lines, neighbours, missed, tuple(written), tuple(dropped), tuple(lost)))
 
-    def _rounded(self, address: int, size: int, round_size: bool) -> tuple[range, tuple[tuple[int, int], ...], tuple[int, int] | None]:
+    def _rounded(self, address: int, size: int,
+                 round_size: bool) -> tuple[range, tuple[tuple[int, int], ...], tuple[int, int] | None]:
         """The lines a by-address operation works on, the bytes in them that were not asked for, and the tail it misses."""
         length = self.geometry.line
         start, end = self.geometry.line_address(address), address + size

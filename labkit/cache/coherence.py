@@ -15,10 +15,10 @@ from labkit.cache.records import Access, Operation, Record, Transfer
 CAUSES: dict[str, str] = {
     "transmit without clean": "the CPU's bytes are still in a dirty line; clean the buffer before the DMA reads it",
     "receive without invalidate": "the CPU reads a line fetched before the DMA wrote; invalidate the buffer before reading it",
-    "speculative fill": "the line was invalidated before the transfer and fetched again by speculation; invalidate after it as well",
-    "dirty eviction": "a dirty line was evicted over what the DMA had written; clean or invalidate the buffer before the transfer as well",
-    "invalidate hit a dirty neighbour": "an invalidate dropped a dirty line with bytes of the CPU; give the buffer whole lines of its own",
-    "clean overwrote the DMA": "a dirty line was cleaned over what the DMA had written; give the buffer whole lines of its own",
+    "speculative fill": "invalidated before the transfer, the line was fetched again by speculation; invalidate after it as well",
+    "dirty eviction": "a dirty line was evicted over what the DMA had written; invalidate before the transfer as well",
+    "invalidate hit a dirty neighbour": "an invalidate dropped a dirty line with the CPU's bytes; give the buffer whole lines",
+    "clean overwrote the DMA": "a dirty line was cleaned over what the DMA had written; give the buffer whole lines",
     "disabled while dirty": "the cache was switched off with dirty lines in it; clean and invalidate when disabling",
 }
 
@@ -39,7 +39,8 @@ class Violation:
     size: int
 
     def __str__(self) -> str:
-        return f"{self.reader} read {self.size} stale bytes at {self.address:#x} (record {self.index}), {self.cause}: {CAUSES[self.cause]}"
+        what = f"{self.reader} read {self.size} stale bytes at {self.address:#x} (record {self.index})"
+        return f"{what}, {self.cause}: {CAUSES[self.cause]}"
 
 
 @dataclass
@@ -83,7 +84,9 @@ class _State:
             return "speculative fill" if again else "receive without invalidate"
         if copy is not None and copy.versions[byte % self.line] == latest:
             return "transmit without clean" if reader == "DMA" else "disabled while dirty"
-        return self.overwritten.get(byte) or ("invalidate hit a dirty neighbour" if byte in self.dropped else "disabled while dirty")
+        if byte in self.dropped:
+            return "invalidate hit a dirty neighbour"
+        return self.overwritten.get(byte, "disabled while dirty")
 
 
 def violations(log: Iterable[Record], line: int = 32) -> list[Violation]:
@@ -131,7 +134,8 @@ def _operation(state: _State, operation: Operation) -> None:
     for line in operation.dropped:
         copy = state.copies.pop(line)
         if line in operation.lost:
-            state.dropped |= {line + n for n, v in enumerate(copy.versions) if v == state.latest.get(line + n) != state.memory.get(line + n)}
+            held = zip(range(line, line + state.line), copy.versions)
+            state.dropped |= {byte for byte, v in held if v == state.latest.get(byte) != state.memory.get(byte)}
     if operation.op in ("invalidate", "clean+invalidate"):
         state.invalidated.append(operation.lines)
 

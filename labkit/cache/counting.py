@@ -1,13 +1,13 @@
 """Counts of long traces: the same cache without its bytes, over columns instead of objects.
 
-Same numbers as the fold `counts` over the records of a `Cache`, hundreds of times faster: a run of accesses to one line is
+Same numbers as the fold `counts` over the records of a `Cache`, about a hundred times faster: a run of accesses to one line is
 decided by its first one; LRU needs no loop over accesses at all; the other policies get a loop with one dictionary.
 """
 
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from functools import lru_cache
 from os import PathLike
 
@@ -21,8 +21,8 @@ from labkit.cache.stores import streaming_stores
 #: What both ways of counting report. Reads and writes are accesses (a modify counts as one read) and a straddling access misses
 #: at most once, as cachegrind counts; the rest counts lines: touched, fetched, replaced, written back, stores sent to memory, and
 #: accesses that bypass the cache (none in a trace that is only counted).
-COUNTS = ("reads", "writes", "read_misses", "write_misses", "lines_touched", "fills", "evictions", "write_backs", "stores_to_memory",
-          "uncached")
+COUNTS = ("reads", "writes", "read_misses", "write_misses", "lines_touched", "fills", "evictions", "write_backs",
+          "stores_to_memory", "uncached")
 WRITE_POLICIES = ("write-back", "write-through")
 SetLoop = Callable[[Iterable[tuple[int, int]], "list[bool] | None", int, "list[int]"], Iterable[int]]
 _MOST_LEVELS = 16  # ways up to which the LRU stack is unrolled level by level
@@ -76,8 +76,8 @@ def count(references: References, geometry: Geometry, policy: str = "lru", *, wr
 
     # A run of accesses to one line hits from the first one on that may allocate, whatever the policy: drop those hits.
     keep, dirtied = _heads(lines, stores, allocates)
-    head_misses, evictions, write_backs = _simulate(lines[keep], dirtied & (write_policy == "write-back"), allocates[keep], geometry,
-                                                    policy, seed)
+    dirtied &= write_policy == "write-back"
+    head_misses, evictions, write_backs = _simulate(lines[keep], dirtied, allocates[keep], geometry, policy, seed)
     missed = keep[head_misses]
     straight = stores & (write_policy == "write-through")
     straight[missed] |= ~allocates[missed]
@@ -122,7 +122,7 @@ def _simulate(lines: np.ndarray, dirtied: np.ndarray, allocates: np.ndarray, geo
 
 
 def _stable_order(keys: np.ndarray) -> np.ndarray:
-    """Stable argsort of keys >= 0, 16 bits at a time: numpy sorts 16-bit integers by radix, several times faster than 64-bit ones."""
+    """Stable argsort of keys >= 0, 16 bits at a time: numpy sorts 16-bit integers by radix, several times faster."""
     order = np.argsort((keys & 0xFFFF).astype(np.uint16), kind="stable")
     rest = keys >> 16
     return order[_stable_order(rest[order])] if rest.any() else order
@@ -209,8 +209,8 @@ def _fifo_set(accesses: Iterable[tuple[int, int]], allowed: list[bool] | None, w
 
 
 def _plru_set(accesses: Iterable[tuple[int, int]], allowed: list[bool] | None, ways: int, misses: list[int]) -> Iterable[int]:
-    after = _tree_steps(ways)
-    step_of: dict[int, Sequence[int] | _Steps] = {}  # held line -> what a use of its way makes of the set's bits
+    after, victims = _tree(ways)
+    step_of: dict[int, list[int] | _Computed] = {}  # held line -> what a use of its way makes of the set's bits
     slots: list[int] = []
     bits = 0
     for i, line in accesses:
@@ -223,7 +223,7 @@ def _plru_set(accesses: Iterable[tuple[int, int]], allowed: list[bool] | None, w
                 way = len(slots)
                 slots.append(line)
             else:
-                way = tree_victim(bits, ways)
+                way = victims[bits]
                 del step_of[slots[way]]
                 slots[way] = line
             step = step_of[line] = after[way]
@@ -231,32 +231,34 @@ def _plru_set(accesses: Iterable[tuple[int, int]], allowed: list[bool] | None, w
     return slots
 
 
-class _Steps:
-    """Bits of a tree -> bits after a use of one way, computed; for trees too large for a table."""
+class _Computed:
+    """Looks like a table, but computes its entries; for trees with too many states to tabulate."""
 
-    def __init__(self, keep: int, point: int) -> None:
-        self._keep, self._point = keep, point
+    def __init__(self, entry: Callable[[int], int]) -> None:
+        self._entry = entry
 
     def __getitem__(self, bits: int) -> int:
-        return bits & self._keep | self._point
+        return self._entry(bits)
 
 
 @lru_cache(maxsize=16)
-def _tree_steps(ways: int) -> list[Sequence[int] | _Steps]:
+def _tree(ways: int) -> tuple[list[list[int] | _Computed], list[int] | _Computed]:
+    """For each way, tree bits -> bits after its use; and tree bits -> victim."""
     check_tree(ways)
     paths = [tree_path(way, ways) for way in range(ways)]
+    steps = [lambda bits, keep=keep, point=point: bits & keep | point for keep, point in paths]
     if ways > _LARGEST_TABLE:
-        return [_Steps(keep, point) for keep, point in paths]
-    return [[bits & keep | point for bits in range(1 << ways)] for keep, point in paths]
+        return [_Computed(step) for step in steps], _Computed(lambda bits: tree_victim(bits, ways))
+    return [[step(bits) for bits in range(1 << ways)] for step in steps], [tree_victim(bits, ways) for bits in range(1 << ways)]
 
 
 def _random_loop(lines: np.ndarray, order: np.ndarray, allocates: np.ndarray, geometry: Geometry,
                  seed: int) -> tuple[np.ndarray, np.ndarray]:
     """Random replacement in order of time; `allocates` is in order of sets, and so are the misses returned."""
     mask, ways, chosen = geometry.sets - 1, geometry.ways, draws(geometry.ways, seed)
-    allowed = np.empty_like(allocates)
-    allowed[order] = allocates
-    allowed_list = allowed.tolist()
+    by_time = np.empty_like(allocates)
+    by_time[order] = allocates
+    allowed = None if allocates.all() else by_time.tolist()
     slots: list[list[int]] = [[] for _ in range(geometry.sets)]
     held: set[int] = set()
     missed = np.zeros(len(lines), dtype=bool)
@@ -265,7 +267,7 @@ def _random_loop(lines: np.ndarray, order: np.ndarray, allocates: np.ndarray, ge
         if line in held:
             continue
         misses.append(i)
-        if allowed_list[i]:
+        if allowed is None or allowed[i]:
             slot = slots[line & mask]
             if len(slot) < ways:
                 slot.append(line)

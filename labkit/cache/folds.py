@@ -13,7 +13,8 @@ from labkit.cache.geometry import Geometry
 from labkit.cache.records import Access, Record
 from labkit.cache.references import LOAD, STORE, References
 
-TIMELINE = ("number", "op", "address", "size", "line", "set", "way", "hit", "filled", "victim", "written_back", "to_memory", "bypass")
+TIMELINE = ("number", "op", "address", "size", "line", "set", "way", "bypass", "hit", "filled", "victim", "written_back",
+            "to_memory")
 
 
 def replay(references: References, cache: Cache) -> list[Access]:

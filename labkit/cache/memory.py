@@ -52,7 +52,7 @@ _ENCODING = {  # (TEX, C, B) as in the table of MPU_RASR encodings, DUI0646
 
 @dataclass(frozen=True)
 class Region:
-    """A piece of the memory map: `size` bytes from `start`; `interface` names the bus; `dma` says whether a DMA master reaches it."""
+    """A piece of the memory map: `size` bytes from `start`; `interface` names the bus, `dma` says if a DMA master reaches it."""
 
     name: str
     start: int
@@ -98,7 +98,8 @@ class MpuRegion:
         if not is_power_of_two(self.size) or self.size < 32:
             raise ValueError(f"MPU region {self.number} has {self.size} bytes; the size must be a power of two, 32 or more")
         if self.base % self.size:
-            raise ValueError(f"MPU region {self.number} starts at {self.base:#x}; it must be aligned to its size of {self.size} bytes")
+            raise ValueError(f"MPU region {self.number} starts at {self.base:#x}; "
+                             f"it must be aligned to its size of {self.size} bytes")
         if (self.tex, self.c, self.b) not in _ENCODING:
             raise ValueError(f"MPU region {self.number} has TEX {self.tex}, C {self.c}, B {self.b}; "
                              f"allowed are {', '.join(map(str, _ENCODING))}")

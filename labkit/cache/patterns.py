@@ -93,7 +93,8 @@ def parse(text: str) -> References:
         ValueError: one sentence with the line, what is wrong there, and what is allowed.
     """
     stack: list[tuple[int, int, list[tuple[int, int, int]]]] = [(0, 1, [])]  # (line, times, references)
-    statements = [(number, part.split()) for number, line in enumerate(text.splitlines(), 1) for part in line.split("#")[0].split(";")]
+    lines = enumerate(text.splitlines(), 1)
+    statements = [(number, part.split()) for number, line in lines for part in line.split("#")[0].split(";")]
     for number, words in statements:
         if not words:
             continue
@@ -106,8 +107,10 @@ def parse(text: str) -> References:
             stack.append((number, _number(number, "repeat", rest[0], 1), []))
             continue
         elif command == "end":
-            if rest or len(stack) == 1:
-                raise ValueError(f"line {number}: " + (f"'{rest[0]}' after end; end stands alone" if rest else "end without a repeat before it"))
+            if rest:
+                raise ValueError(f"line {number}: '{rest[0]}' after end; end stands alone")
+            if len(stack) == 1:
+                raise ValueError(f"line {number}: end without a repeat before it")
             _, times, inner = stack.pop()
             _limit(len(inner) * times, f"line {number}: ")
             rows = inner * times
@@ -152,7 +155,8 @@ def _number(line: int, name: str, word: str, lowest: int | None) -> int:
     except ValueError:
         raise ValueError(f"line {line}: {name} is {word!r}; it must be a whole number such as 64 or 0x40") from None
     if lowest is not None and value < lowest or abs(value) >= 2**32:
-        raise ValueError(f"line {line}: {name} is {word}; it must be {'' if lowest is None else f'at least {lowest} and '}below 2**32")
+        floor = "" if lowest is None else f"at least {lowest} and "
+        raise ValueError(f"line {line}: {name} is {word}; it must be {floor}below 2**32")
     return value
 
 

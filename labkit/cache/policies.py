@@ -8,7 +8,6 @@ The policy of the Cortex-M7's caches is not published; it is a parameter here.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from functools import lru_cache
 from typing import Protocol
 
 import numpy as np
@@ -118,7 +117,6 @@ def tree_path(way: int, ways: int) -> tuple[int, int]:
     return keep, point
 
 
-@lru_cache(maxsize=1 << 16)
 def tree_victim(bits: int, ways: int) -> int:
     """The leaf that the bits of a set point to."""
     node = 1

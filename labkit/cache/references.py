@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from os import PathLike
-from zipfile import BadZipFile
 
 import numpy as np
 
@@ -47,23 +46,25 @@ def read_trace(path: str | PathLike[str]) -> References:
             not allowed; one sentence each.
     """
     try:
-        with np.load(path, allow_pickle=False) as file:
-            if not isinstance(file, np.lib.npyio.NpzFile):
-                raise TraceFileError(f"{path} holds a single array; a trace is an .npz file with the arrays op, addr and size")
-            if set(file.files) != set(_COLUMNS):
-                raise TraceFileError(f"{path} has the arrays {', '.join(sorted(file.files)) or 'none'}; a trace has op, addr and size")
-            columns = {name: file[name] for name in _COLUMNS}
-    except TraceFileError:
-        raise
+        file, columns = np.load(path, allow_pickle=False), None
+        if isinstance(file, np.lib.npyio.NpzFile):
+            with file:
+                columns = {name: file[name] for name in file.files}
     except FileNotFoundError:
         raise TraceFileError(f"there is no file {path}") from None
-    except (OSError, ValueError, EOFError, BadZipFile, AttributeError) as error:
-        raise TraceFileError(f"{path} cannot be read as an .npz file of plain arrays: {error}") from None
+    except Exception as error:  # a damaged file makes zipfile, zlib and numpy raise a dozen different ones
+        why = " ".join(str(error).split()) or type(error).__name__
+        raise TraceFileError(f"{path} cannot be read as an .npz file of plain arrays: {why}") from None
+    if columns is None:
+        raise TraceFileError(f"{path} holds a single array; a trace is an .npz file with the arrays op, addr and size")
+    if set(columns) != set(_COLUMNS):
+        raise TraceFileError(f"{path} has the arrays {', '.join(sorted(columns)) or 'none'}; a trace has op, addr and size")
 
     for name, dtype in _COLUMNS.items():
         column = columns[name]
         if column.dtype != dtype or column.ndim != 1:
-            raise TraceFileError(f"{path}: array {name} is {column.dtype} with {column.ndim} dimensions; it must be {dtype.__name__} with 1")
+            raise TraceFileError(f"{path}: array {name} is {column.ndim}-dimensional {column.dtype}; "
+                                 f"it must be 1-dimensional {dtype.__name__}")
         if len(column) != len(columns["op"]):
             raise TraceFileError(f"{path}: array {name} has {len(column)} entries and op {len(columns['op'])}; they must agree")
     _check(path, "op", columns["op"], (columns["op"] < STORE) | (columns["op"] > MODIFY), "1 store, 2 load or 3 modify")

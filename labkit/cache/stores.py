@@ -27,7 +27,7 @@ class StoreRun:
         """Take note of a store; True if it must not allocate."""
         if address != self._end:
             self._start = self._end = address
-        full = self._end // self._line + -self._start // self._line  # whole lines so far: floor of the end minus ceiling of the start
+        full = self._end // self._line + -self._start // self._line  # floor of the end minus ceiling of the start
         self._end += size
         return full >= FULL_LINES
 

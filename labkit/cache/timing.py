@@ -104,8 +104,8 @@ class Work:
     def of_counts(cls, data: Mapping[str, int], *, instructions: int, fetches: int, code_fills: int = 0, uncached: int = 0,
                   insensitive: int = 0) -> Work:
         """Work whose data side is the counts of `count_trace` or of the fold `counts`."""
-        return cls(instructions, fetches, data["lines_touched"], code_fills, data["fills"], data["write_backs"], data["stores_to_memory"],
-                   uncached, insensitive)
+        return cls(instructions, fetches, data["lines_touched"], code_fills, data["fills"], data["write_backs"],
+                   data["stores_to_memory"], uncached, insensitive)
 
 
 @dataclass(frozen=True)

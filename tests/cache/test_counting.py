@@ -13,15 +13,17 @@ from labkit.cache.memory import Attribute
 from labkit.cache.policies import POLICIES, draws
 
 ORACLE = Path(__file__).parents[1] / "oracle" / "cachegrind"
-MM = json.loads((ORACLE / "mm.json").read_text())["counts"]
+COUNTED = {(program, geometry): counted for program in ("mm", "unaligned")
+           for geometry, counted in json.loads((ORACLE / f"{program}.json").read_text())["counts"].items()}
 
 
-@pytest.mark.parametrize("geometry", MM)
-def test_mm_misses_are_those_of_cachegrind(geometry):
+@pytest.mark.parametrize(("program", "geometry"), COUNTED)
+def test_misses_are_those_of_cachegrind(program, geometry):
     size, ways, line = map(int, geometry.split(",")[0].split()[1:])
-    found = count_trace(ORACLE / "mm_data.npz", size, ways, line)
-    assert {"Dr": found["reads"], "D1mr": found["read_misses"], "Dw": found["writes"], "D1mw": found["write_misses"]} == {
-        key: MM[geometry][key] for key in ("Dr", "D1mr", "Dw", "D1mw")}
+    found = count_trace(ORACLE / f"{program}_data.npz", size, ways, line)
+    counted = COUNTED[program, geometry]
+    assert [found[name] for name in ("reads", "read_misses", "writes", "write_misses")] == [
+        counted[name] for name in ("Dr", "D1mr", "Dw", "D1mw")]
 
 
 def test_records_of_a_piece_of_mm_count_as_the_columns_do():
@@ -32,29 +34,33 @@ def test_records_of_a_piece_of_mm_count_as_the_columns_do():
     assert counts(replay(piece, Cache(Memory.flat(1 << 23), geometry))) == count(piece, geometry)
 
 
-references = st.lists(st.tuples(st.integers(1, 3), st.integers(0, 1000), st.integers(1, 24)), max_size=150).map(
-    lambda rows: References(*(np.array(column, dtype=t) for column, t in zip(zip(*rows) if rows else ((), (), ()), (np.uint8, np.int64, np.int64)))))
+def as_references(rows):
+    table = np.array(rows, dtype=np.int64).reshape(-1, 3)
+    return References(table[:, 0].astype(np.uint8), table[:, 1], table[:, 2])
+
+
+references = st.lists(st.tuples(st.integers(1, 3), st.integers(0, 1000), st.integers(1, 24)), max_size=150).map(as_references)
 
 
 @st.composite
 def runs(draw):
     """References that often continue where the last one ended, as memset does, so that dynamic read-allocate wakes up."""
     rows, at = [], 0
-    for op, jump, address, size in draw(st.lists(st.tuples(st.sampled_from([1, 1, 1, 1, 2, 3]), st.integers(0, 9), st.integers(0, 1000),
-                                                           st.sampled_from([4, 4, 8, 16])), max_size=150)):
+    step = st.tuples(st.sampled_from([1, 1, 1, 1, 2, 3]), st.integers(0, 9), st.integers(0, 1000), st.sampled_from([4, 4, 8, 16]))
+    for op, jump, address, size in draw(st.lists(step, max_size=150)):
         at = address if jump == 0 or at > 1000 else at - 4 if jump == 1 and at >= 4 else at
         rows.append((op, at, size))
         at += size
-    table = np.array(rows, dtype=np.int64).reshape(-1, 3)
-    return References(table[:, 0].astype(np.uint8), table[:, 1], table[:, 2])
+    return as_references(rows)
 
 
-geometries = st.sampled_from([Geometry(64, 1, 16), Geometry(64, 4, 16), Geometry(128, 2, 8), Geometry(256, 4, 16), Geometry(256, 16, 16),
-                              Geometry(512, 32, 16)])
+SMALL = ((64, 1, 16), (64, 4, 16), (128, 2, 8), (256, 4, 16), (256, 16, 16), (512, 32, 16))
+geometries = st.sampled_from([Geometry(*numbers) for numbers in SMALL])
+write_policies = st.sampled_from(["write-back", "write-through"])
+policies = st.sampled_from(sorted(POLICIES))
 
 
-@given(st.one_of(references, runs()), geometries, st.sampled_from(sorted(POLICIES)), st.sampled_from(["write-back", "write-through"]),
-       st.booleans(), st.booleans(), st.integers(0, 3))
+@given(st.one_of(references, runs()), geometries, policies, write_policies, st.booleans(), st.booleans(), st.integers(0, 3))
 @settings(max_examples=250, deadline=None)
 def test_columns_and_records_count_the_same(trace, geometry, policy, write_policy, write_allocate, dynamic, seed):
     attribute = Attribute("as drawn", True, write_policy == "write-back", write_allocate)
@@ -64,7 +70,7 @@ def test_columns_and_records_count_the_same(trace, geometry, policy, write_polic
 
 
 class Tree:
-    """Tree-PLRU as the textbook draws it: a node remembers which of its halves was used last, and the victim is in the other one."""
+    """Tree-PLRU as the textbook draws it: a node remembers which half was used last, and the victim is in the other one."""
 
     def __init__(self, leaves):
         self.leaves, self.recent = leaves, 1  # the first victim is way 0
@@ -105,7 +111,7 @@ def brute_force_misses(lines, sets, ways, policy, seed):
     return misses
 
 
-@given(st.lists(st.integers(0, 40), max_size=200), st.sampled_from([1, 2, 4]), st.sampled_from([1, 2, 4, 8]), st.sampled_from(sorted(POLICIES)),
+@given(st.lists(st.integers(0, 40), max_size=200), st.sampled_from([1, 2, 4]), st.sampled_from([1, 2, 4, 8, 16]), policies,
        st.integers(0, 5))
 @settings(max_examples=250, deadline=None)
 def test_every_policy_misses_where_brute_force_misses(lines, sets, ways, policy, seed):
