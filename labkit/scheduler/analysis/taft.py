@@ -54,13 +54,13 @@ def taft_period_test(pairs: Iterable[TaskPair]) -> Verdict:
 
 
 def taft_demand_test(pairs: Iterable[TaskPair]) -> Verdict:
-    """Sufficient for any offsets: in every interval the expected times due within it, plus the exception parts that can be planned
-    into it, take at most its length t.
+    """Sufficient for any offsets: in every interval the expected times due within it and the exception parts that can be planned
+    into it together take at most its length t.
 
     Proof. Suppose some main part gets less than its ECET before s, the first slot of its exception part (its deadline, if that
     part is empty). Take the job with the earliest such s, released at r and due at d. Let t0 <= r be the last instant at which
     no main part due by d and released earlier is short of its ECET. From t0 to s every instant is either a planned slot or
-    goes to main parts released from t0 on and due by d, which do not get all they are to have. From s to d every instant is a
+    goes to main parts released from t0 on and due by d, and does not satisfy them all. From s to d every instant is a
     planned slot, since the plan leaves no gap, going back from d, until this exception part is complete. So t = d - t0 is less
     than the sum of (a) the ECETs of the jobs released from t0 on and due by d and (b) the exception parts of the jobs whose time
     from release to deadline overlaps t0..d, as a plan that keeps deadlines puts each of them there. The test excludes
@@ -89,7 +89,7 @@ def taft_demand_test(pairs: Iterable[TaskPair]) -> Verdict:
 
 
 def taft_plan_test(pairs: Iterable[TaskPair]) -> Verdict:
-    """Exact for periodic pairs with the offsets given: plan a round of releases in which every main part runs until it is aborted.
+    """Exact for periodic pairs with the offsets given: plan a round of releases in which every main part is aborted.
 
     Equal deadlines go by the order of the list, as do equal releases in the plan (earlier pairs in earlier slots). Takes time in
     proportion to the jobs in the least common multiple of the periods.
