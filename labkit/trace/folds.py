@@ -11,7 +11,8 @@ import numpy as np
 from labkit.trace.kinds import CODE, STATES
 from labkit.trace.trace import Trace
 
-SWITCH, DONE, OVERHEAD = CODE["switch"], CODE["done"], CODE["overhead"]
+TAKE, DONE, READY, SUSPEND = CODE["take"], CODE["done"], CODE["ready"], CODE["suspend"]
+BLOCKS = {CODE[kind] for kind in ("take_block", "send_block", "recv_block", "peek_block", "notify_take_block")}
 
 
 def runs(trace: Trace) -> np.ndarray:
@@ -54,17 +55,22 @@ def overheads(trace: Trace) -> np.ndarray:
 
 
 def holds(trace: Trace) -> np.ndarray:
-    """Ownership of locks, columns (task, lock, start, end): from a successful take to the give by the same task.
+    """Ownership of locks, columns (task, lock, start, end): from a take to the give by the same task.
 
-    A semaphore that one task takes and another gives is held by nobody, so such takes make no interval.
+    A take whose give has not come by the end counts only if no other task or interrupt ever gives that object: what one takes
+    and another gives is a signal, and nobody holds it.
     """
     takes: dict[tuple[int, int], list[int]] = {}
+    signals = set()
     rows = []
     for time, kind, task, lock, *_ in trace.rows("take", "give").tolist():
-        if kind == CODE["take"]:
+        if kind == TAKE:
             takes.setdefault((task, lock), []).append(time)
         elif takes.get((task, lock)):
             rows.append((task, lock, takes[task, lock].pop(), time))
+        else:
+            signals.add(lock)
+    rows += [(task, lock, time, trace.end) for (task, lock), times in takes.items() if lock not in signals for time in times]
     return _table(rows, 4, by=2)
 
 
@@ -73,15 +79,14 @@ def waits(trace: Trace) -> np.ndarray:
 
     A wait for a notification has object -1. A task that finds nothing when it retries (no hand-off) begins a new interval.
     """
-    blocks = {CODE[kind] for kind in ("take_block", "send_block", "recv_block", "peek_block", "notify_take_block")}
     open_waits: dict[int, tuple[int, int]] = {}
     rows = []
     for time, kind, task, other, *_ in trace.rows().tolist():
-        if kind in blocks:
+        if kind in BLOCKS:
             open_waits[task] = other, time
-        elif kind == CODE["ready"] and task in open_waits:
+        elif kind == READY and task in open_waits:
             rows.append((task, *open_waits.pop(task), time))
-        elif kind == CODE["suspend"] and other in open_waits:
+        elif kind == SUSPEND and other in open_waits:
             rows.append((other, *open_waits.pop(other), time))
     rows += [(task, target, start, trace.end) for task, (target, start) in open_waits.items()]
     return _table(rows, 4, by=2)
@@ -109,20 +114,21 @@ def ready(trace: Trace) -> np.ndarray:
 
 
 def priorities(trace: Trace) -> np.ndarray:
-    """Priorities over time as steps, columns (task, start, end, priority); ordered by start."""
-    open_steps: dict[int, tuple[int, int]] = {}
+    """Current priorities as steps, columns (task, start, end, priority), from each task's creation to its end."""
+    kinds = ("create", "ready", "switch", "inherit", "disinherit", "disinherit_timeout", "done")
+    steps: dict[int, tuple[int, int]] = {}  # the open step of each task: since when, which priority
     rows = []
-    of_value = {CODE[kind] for kind in ("ready", "switch", "create", "inherit", "disinherit", "disinherit_timeout")}
-    for time, kind, task, _, value, _ in trace.rows().tolist():
-        if kind == DONE and task in open_steps:
-            start, priority = open_steps.pop(task)
-            rows.append((task, start, time, priority))
-        elif kind in of_value and (task not in open_steps or open_steps[task][1] != value):
-            if task in open_steps and open_steps[task][0] < time:
-                start, priority = open_steps[task]
-                rows.append((task, start, time, priority))
-            open_steps[task] = time, value
-    rows += [(task, start, trace.end, priority) for task, (start, priority) in open_steps.items()]
+    for time, kind, task, _, value, _ in trace.rows(*kinds).tolist():
+        since, priority = steps.get(task, (time, None))
+        if kind != DONE and value == priority:
+            continue
+        if time > since:
+            rows.append((task, since, time, priority))
+        if kind == DONE:
+            steps.pop(task, None)
+        else:
+            steps[task] = time, value
+    rows += [(task, since, trace.end, priority) for task, (since, priority) in steps.items()]
     return _table(rows, 4, by=1)
 
 
