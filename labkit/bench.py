@@ -137,10 +137,10 @@ class Bench(w.VBox):
         self._metrics, self._error, self._code = w.HTML(), w.HTML(), w.HTML()
         self._error.add_class("lab-error-slot")
         self._progress = w.FloatProgress(min=0, max=1, layout=w.Layout(width="160px", visibility="hidden"))
-        reset = w.Button(description="Reset", tooltip="all parameters back to where this bench started", layout=w.Layout(width="auto"))
+        reset = w.Button(description="Reset", tooltip="all parameters back to where this bench started", layout=w.Layout(width="auto", flex="0 0 auto"))
         reset.add_class("lab-reset")
         reset.on_click(lambda _: self.set(**{n: getattr(self._start, n) for n in self.controls}))
-        lecture = w.ToggleButton(description="Lecture mode", tooltip="everything larger, for the last row", layout=w.Layout(width="auto"))
+        lecture = w.ToggleButton(description="Lecture mode", tooltip="everything larger, for the last row", layout=w.Layout(width="auto", flex="0 0 auto"))
         lecture.add_class("lab-lecture-switch")
         lecture.observe(lambda change: self._enlarge(change["new"]), names="value")
         self.figure = go.FigureWidget()
@@ -174,12 +174,17 @@ class Bench(w.VBox):
     def _update(self) -> None:
         """Run what the controls say and show it. Whatever goes wrong is shown beside the controls, never swallowed."""
         with self._reporting():
-            self.experiment = type(self.experiment)(**{name: c.value for name, c in self.controls.items()})
+            self.experiment = type(self.experiment)(**{p.name: self._value(p) for p in self.experiment.parameters()})
             self._run_id += 1
             if self.experiment.slow:
                 threading.Thread(target=self._run_beside, args=(self.experiment, self._run_id), daemon=True).start()
             else:
                 self._show(self.experiment, self.experiment.run())
+
+    def _value(self, p: Parameter) -> Any:
+        """What a control says; a float slider adds its step up and arrives at 5.000000000000001."""
+        value = self.controls[p.name].value
+        return round(round(value / p.step) * p.step, 9) if p.type is float and p.step else value
 
     def _run_beside(self, experiment: Experiment, run_id: int) -> None:
         def listener(fraction: float) -> None:

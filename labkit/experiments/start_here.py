@@ -80,7 +80,7 @@ class ThreeTasks(Experiment):
         found = [Metric("utilisation", 100 * load, "%", good=load <= 1, note="above 100 % the lowest task falls behind without end")]
         for task in self.tasks():
             bound, longest = result.bound[task.name], result.longest[task.name]
-            found.append(Metric(f"longest response of {task.name}", longest, "ms", bound=bound,
+            found.append(Metric(f"{task.name}, longest response", longest, "ms", bound=bound,
                                 good=bound is not None and bound <= task.period / 1000,
                                 note=f"deadline {task.period // 1000} ms" + ("" if bound is not None else "; no bound: it overloads")))
         return found

@@ -112,8 +112,8 @@ def bars_of(trace: Trace, row: Mapping[str, float], locks: Sequence[str], yaxis:
              insidetextanchor="middle", constraintext="none", textangle=0, textfont={"size": 12, "color": INK},
              marker=lambda _, what: {"color": [LOCK_COLOURS[locks.index(o) % len(LOCK_COLOURS)] if o in locks else YELLOW for o in what],
                                      "line": {"color": INK, "width": 1}}),
-        {"type": "scatter", "mode": "markers", "x": _ms(trace, releases[:, 0]), "y": [row[names[t]] - BAR / 2 for t in releases[:, 2]],
-         "marker": {"symbol": "triangle-up", "size": 11, "color": INK}, "yaxis": yaxis, "name": "release", "legendgroup": "release",
+        {"type": "scatter", "mode": "markers", "x": _ms(trace, releases[:, 4]), "y": [row[names[t]] - BAR / 2 for t in releases[:, 2]],
+         "marker": {"symbol": "triangle-up", "size": 11, "color": INK}, "yaxis": yaxis, "cliponaxis": False, "name": "release", "legendgroup": "release",
          "showlegend": legend, "hovertemplate": "release %{x:.3f} ms<extra></extra>"},
     ]
 

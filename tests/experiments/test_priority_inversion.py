@@ -100,7 +100,8 @@ def test_exercises_ask_the_model():
     assert not check_harmless_inversion(PriorityInversion(interference=0)).solved
     assert check_harmless_inversion(PriorityInversion(release_H=20, release_M=0)).solved
     assert not check_bound_reached(PriorityInversion()).solved
-    assert check_bound_reached(PriorityInversion(release_H=0)).solved == (PriorityInversion(release_H=0).run()[1].blocked >= 5)
+    assert check_bound_reached(PriorityInversion(release_H=1)).solved
+    assert not check_bound_reached(PriorityInversion(release_H=1, protocol="ceiling")).solved
     assert not check_prompt_middle(NestedMutexes()).solved
     assert check_prompt_middle(NestedMutexes(first_given="B")).solved
     assert not check_prompt_middle(NestedMutexes(first_given="B", second=1)).solved
