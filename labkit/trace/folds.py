@@ -11,7 +11,7 @@ import numpy as np
 from labkit.trace.kinds import CODE, STATES
 from labkit.trace.trace import Trace
 
-TAKE, DONE, READY, SUSPEND = CODE["take"], CODE["done"], CODE["ready"], CODE["suspend"]
+TAKE, DONE, READY, SUSPEND, PRIO_SET = CODE["take"], CODE["done"], CODE["ready"], CODE["suspend"], CODE["prio_set"]
 BLOCKS = {CODE[kind] for kind in ("take_block", "send_block", "recv_block", "peek_block", "notify_take_block")}
 
 
@@ -97,7 +97,7 @@ def ready(trace: Trace) -> np.ndarray:
     since: dict[int, int] = {}
     running, rows = -1, []
     for time, kind, task, other, _, extra in trace.rows("ready", "switch", "suspend").tolist():
-        if kind == SWITCH:
+        if kind == CODE["switch"]:
             running = task
             if extra == STATES.index("ready") and other >= 0:
                 since.setdefault(other, time)
@@ -105,7 +105,7 @@ def ready(trace: Trace) -> np.ndarray:
             if task != running:
                 since.setdefault(task, time)
             continue
-        gone = task if kind == SWITCH else other
+        gone = task if kind == CODE["switch"] else other
         if since.get(gone, time) < time:
             rows.append((gone, since[gone], time))
         since.pop(gone, None)
@@ -115,10 +115,12 @@ def ready(trace: Trace) -> np.ndarray:
 
 def priorities(trace: Trace) -> np.ndarray:
     """Current priorities as steps, columns (task, start, end, priority), from each task's creation to its end."""
-    kinds = ("create", "ready", "switch", "inherit", "disinherit", "disinherit_timeout", "done")
+    kinds = ("create", "ready", "switch", "inherit", "disinherit", "disinherit_timeout", "prio_set", "done")
     steps: dict[int, tuple[int, int]] = {}  # the open step of each task: since when, which priority
     rows = []
-    for time, kind, task, _, value, _ in trace.rows(*kinds).tolist():
+    for time, kind, task, other, value, extra in trace.rows(*kinds).tolist():
+        if kind == PRIO_SET:
+            task, value = other, extra
         since, priority = steps.get(task, (time, None))
         if kind != DONE and value == priority:
             continue
