@@ -1,0 +1,225 @@
+"""TAFT, time-aware fault-tolerant scheduling of task pairs, on one core in integer time: the rules and the engine.
+
+A job has a main part, which needs some execution time nobody knows beforehand, and an exception part, which takes exactly `ep_wcet`
+if it is needed at all. Rules 1, 2 and 5 of `labkit.scheduler.periodic` hold; deadlines do not exceed periods. Then:
+
+1. *Plan.* At every instant the exception parts of all jobs that may still need them are planned: those of released jobs whose main
+   part is not complete (what is left of them, if they have begun) and those of all jobs still to be released. Going back
+   in time, every instant goes to the part whose job was released latest among those whose deadline has been passed and that
+   are not yet complete; of equal releases, to the later in the list. That is EDF on the reversed time axis (latest release time).
+2. *Exception parts have the highest priority*, and run in their planned slots only.
+3. *Abort.* A main part still running when the first slot of its exception part begins is aborted at that instant: it is the last
+   one from which the plan still keeps all deadlines. With `ep_wcet` 0 it is aborted at its deadline. A main part that
+   completes at that very instant is complete, and not aborted.
+4. *Main parts* that have had less than their `ecet` come next, by EDF; then those that have had it, by EDF. Equal deadlines go by the
+   order in the list. A main part that reaches its `ecet` loses its rank at that instant.
+5. *Completion* of a main part takes its exception part out of the plan; the others' slots then move later or stay. The time
+   goes to main parts: the processor idles only if none is released and unfinished, and no slot is due.
+6. *Overload.* If the exception parts themselves do not fit (no acceptance test allows that), a plan may reach back before the present;
+   main parts with such slots are aborted at once. An exception part not complete at its deadline misses, and the rest of it is dropped.
+
+A plan reaches into the future without end. `_plan` builds it from a horizon and looks for an instant at which all work may rest even
+if everything up to the horizon is pressed before it; what lies before that instant is the endless plan itself. If the exception
+parts leave no such instant within a long look-ahead (they alone load the processor almost fully), the plan is that from the horizon.
+
+Source: diploma thesis on multi-stage sensor fusion (Univ. Magdeburg), section 2.1, which gives the three classes, EDF, and the latest
+release time; the tie rules and rules 5 and 6 are this model's. Not modelled: the cost of switching and of aborting.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from collections.abc import Sequence
+from heapq import heapify, heappop, heappush
+
+import numpy as np
+
+from labkit.scheduler.analysis.taft import latest_slots
+from labkit.scheduler.jobs import BEYOND, EP, EXCEPTION, Jobs, Outcome, release_jobs, trace_of
+from labkit.scheduler.periodic import dispatch
+from labkit.scheduler.tasksets import TaskPair
+from labkit.trace.trace import Trace
+
+NEVER = 1 << 62
+
+
+def schedule_pairs(pairs: Sequence[TaskPair], jobs: Jobs, until: int, hz: int) -> Trace:
+    """The TAFT schedule of these jobs from 0 to `until`; names are those of the pairs, then each with `.ep` behind it."""
+    names = [pair.name for pair in pairs]
+    clash = next((name for name in names if name + EP in names), None)
+    if clash is not None:
+        raise ValueError(f"a task is called {clash + EP!r}, the name of the exception part of {clash!r}; rename it")
+    jobs = jobs.ordered(np.lexsort((jobs.number, jobs.task, jobs.deadline)))
+    outcome = _Run(pairs, jobs, until).outcome()
+    return trace_of(jobs, outcome, [*names, *(name + EP for name in names)], _CLASS[outcome.part], until, hz)
+
+
+_CLASS = np.array([1, 0, 2])  # of MP, BEYOND and EXCEPTION
+
+
+class _Run:
+    """One run of the engine. Jobs are known by their rank, that is by their place in EDF order.
+
+    The heap of ready main parts holds the rank of a job within its expected time, and the rank plus `n` beyond it. The plan of
+    all jobs, as if none ever completed, is built once; completions only move slots later, so the first slot of a job in
+    it is a lower bound of its abort. Only when such a bound is reached are the slots of the released jobs planned anew.
+    """
+
+    def __init__(self, pairs: Sequence[TaskPair], jobs: Jobs, until: int):
+        self.jobs, self.until, self.n = jobs, until, len(jobs)
+        ecet = np.array([pair.ecet for pair in pairs])[jobs.task]
+        ep = np.array([pair.ep_wcet for pair in pairs])[jobs.task]
+        expected = np.minimum(jobs.time, ecet)
+        self.left = [*expected.tolist(), *(jobs.time - expected).tolist()]
+        self.ep_left = ep.tolist()
+        self.task, self.release, self.deadline = jobs.task.tolist(), jobs.release.tolist(), jobs.deadline.tolist()
+        self.slots, first = _plan(pairs, jobs, until)
+        self.slot_ends = [end for _, end, _ in self.slots]
+        first = np.where(ep > 0, np.maximum(first, jobs.release), jobs.deadline)
+        self.order = np.argsort(first, kind="stable")
+        self.first = first[self.order].tolist()
+        self.ready: list[int] = []
+        self.excepting: list[int] = []
+        self.aborted: dict[int, int] = {}
+        self.recovered: dict[int, int] = {}
+        self.keys: list[int] = []
+        self.starts: list[int] = []
+        self.ends: list[int] = []
+
+    def outcome(self) -> Outcome:
+        self._run()
+        n = self.n
+        keys, start, end = (np.array(column, dtype=np.int64) for column in (self.keys, self.starts, self.ends))
+        job, part = keys % n if n else keys, keys // n if n else keys
+        left = np.array(self.left, dtype=np.int64)
+        main = part <= BEYOND
+        completed = np.full(n, -1)
+        completed[job[main]] = end[main]  # of repeated indices the last one counts
+        completed[(left[:n] > 0) | (left[n:] > 0)] = -1
+        aborted, recovered = (np.full(n, -1) for _ in range(2))
+        for column, events in ((aborted, self.aborted), (recovered, self.recovered)):
+            column[list(events)] = list(events.values())
+        late = (self.jobs.deadline <= self.until) & (completed < 0) & (recovered < 0)
+        return Outcome(job, part, start, end, completed, aborted, recovered, np.where(late, self.jobs.deadline, -1))
+
+    def _run(self) -> None:
+        n, left, ready = self.n, self.left, self.ready
+        covered = [False] * n + [False]  # by `check`: nothing can be due to this job before it
+        order, first = [*self.order.tolist(), n], [*self.first, NEVER]
+        keys, starts, ends = self.keys.append, self.starts.append, self.ends.append
+        check, at = NEVER, 0
+        arrivals = self.jobs.arrivals
+        releases = self.jobs.release[arrivals].tolist()
+        for arrived, now, upcoming in zip(arrivals.tolist(), releases, [*releases[1:], self.until], strict=True):
+            heappush(ready, arrived)
+            while now < upcoming:
+                while covered[order[at]]:
+                    at += 1
+                alarm = first[at] if first[at] < check else check
+                if alarm <= now:
+                    now, check = self._except(now, upcoming, covered)
+                    continue
+                if not ready:
+                    now = min(alarm, upcoming)
+                    continue
+                stop = alarm if alarm < upcoming else upcoming
+                key = ready[0]
+                keys(key)
+                starts(now)
+                now += left[key]
+                if now <= stop:
+                    heappop(ready)
+                    left[key] = 0
+                    if key < n and left[key + n]:
+                        heappush(ready, key + n)
+                    else:
+                        covered[key % n] = True
+                else:
+                    left[key] = now - stop
+                    now = stop
+                ends(now)
+        if ready:  # what is due at the end of the schedule
+            self._except(self.until, self.until, covered)
+
+    def _except(self, now: int, upcoming: int, covered: list[bool]) -> tuple[int, int]:
+        """Plan anew, abort what is due, and let the exception part whose slot it is run until something else may happen.
+
+        Returns the time then, and a time before which no planned slot of a released job comes.
+        """
+        self.excepting = [job for job in self.excepting if self.deadline[job] > now]
+        slots = self._slots(now)
+        for key in self.ready:
+            covered[key % self.n] = True
+        due = {job for start, _, job in slots if start <= now}
+        if not due.isdisjoint(key % self.n for key in self.ready):
+            for key in [key for key in self.ready if key % self.n in due]:
+                self.ready.remove(key)
+                self._abort(key % self.n, now)
+            heapify(self.ready)
+        slot = next(((end, job) for start, end, job in slots if start <= now < end), None)
+        if slot is not None and now < upcoming:
+            end, job = min(slot[0], upcoming), slot[1]
+            self.keys.append(job + EXCEPTION * self.n)
+            self.starts.append(now)
+            self.ends.append(end)
+            self.ep_left[job] -= end - now
+            now = end
+            if not self.ep_left[job]:
+                self.recovered[job] = now
+                self.excepting.remove(job)
+        return now, min((max(start, now) for start, end, _ in slots if end > now), default=NEVER)
+
+    def _abort(self, job: int, now: int) -> None:
+        self.aborted[job] = now
+        if not self.ep_left[job]:
+            self.recovered[job] = now
+        elif self.deadline[job] > now:
+            self.excepting.append(job)
+
+    def _slots(self, now: int) -> list[tuple[int, int, int]]:
+        """(start, end, job) of the planned slots of released jobs, in order of time; one of length 0 for an empty part."""
+        active = [*(key % self.n for key in self.ready), *self.excepting]
+        horizon = max((self.deadline[job] for job in active), default=now)
+        windows = [(self.release[job], self.task[job], self.deadline[job], self.ep_left[job], job) for job in active]
+        for start, end, job in self.slots[bisect_left(self.slot_ends, now):]:
+            if start >= horizon:
+                break
+            if self.release[job] > now:  # it stays where it is, whatever happens before its release
+                windows.append((self.release[job], self.task[job], end, end - start, -1))
+        windows.sort()
+        planned = latest_slots([(release, due, length) for release, _, due, length, _ in windows])
+        slots = [(start, end, windows[i][4]) for start, end, i in planned if windows[i][4] >= 0]
+        slots += [(self.deadline[job], self.deadline[job], job) for job in active if not self.ep_left[job]]
+        return sorted(slots)
+
+
+def _plan(pairs: Sequence[TaskPair], jobs: Jobs, until: int) -> tuple[list[tuple[int, int, int]], np.ndarray]:
+    """The plan of rule 1 as if no job ever completed.
+
+    Returns:
+        (start, end, job) of the slots in order of time, and the start of the first slot of each job (int64; its deadline for an
+        empty exception part).
+    """
+    lookahead = 2 * max(pair.period for pair in pairs)
+    for _ in range(6):
+        horizon = until + lookahead
+        ahead = release_jobs(pairs, horizon, {})
+        ahead = ahead.ordered(np.lexsort((-ahead.task, -ahead.release)))  # by urgency on the reversed axis
+        length = np.array([pair.ep_wcet for pair in pairs])[ahead.task]
+        due = np.minimum(ahead.deadline, horizon)
+        kept = np.flatnonzero(length > 0)
+        arrivals = kept[np.argsort(-due[kept], kind="stable")]
+        who, start, end = dispatch((-due[arrivals]).tolist(), arrivals.tolist(), length.tolist(), NEVER)
+        if not len(who):
+            return [], jobs.deadline.copy()
+        rests = np.append(end[:-1] < start[1:], True) & (-end >= until)
+        if rests.any() or -start[0] <= until:
+            break
+        lookahead *= 4
+    first = np.full((len(pairs), int(ahead.number.max(initial=0)) + 1), -NEVER)
+    task, number = ahead.task[who], ahead.number[who]
+    first[task, number] = -end
+    rank = np.full_like(first, -1)
+    rank[jobs.task, jobs.number] = np.arange(len(jobs))
+    slots = zip((-end[::-1]).tolist(), (-start[::-1]).tolist(), rank[task, number][::-1].tolist(), strict=True)
+    return [slot for slot in slots if slot[2] >= 0], first[jobs.task, jobs.number]
