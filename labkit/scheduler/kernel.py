@@ -382,7 +382,7 @@ class Kernel:
                     release(self, task, task.next_release)
                 if self.make_ready(task):
                     self.switch_wanted = True
-        if self.time_slicing and len(self.ready.rings[self.running.priority]) > 2 or self.is_outranked():
+        if self.time_slicing and len(self.ready.rings[self.running.priority]) > 2:
             self.switch_wanted = True
 
     def _device(self) -> None:

@@ -12,8 +12,8 @@ from labkit.trace.kinds import CODE
 
 NAME_WIDTH = 15  # configMAX_TASK_NAME_LEN - 1
 LETTERS = "RBSDX"  # in the order of labkit.trace.kinds.STATES
-PRIORITY_KINDS = ("inherit", "disinherit", "disinherit_timeout")
-SWITCH, READY, SUSPEND = CODE["switch"], CODE["ready"], CODE["suspend"]
+PRIORITY_KINDS = ("inherit", "disinherit", "disinherit_timeout", "prio_set")
+SWITCH, READY, SUSPEND, PRIO_SET = (CODE[kind] for kind in ("switch", "ready", "suspend", "prio_set"))
 
 
 @dataclass(frozen=True)
@@ -110,6 +110,8 @@ def task_list(run: Run, at: int | None = None) -> TaskList:
         if kind == SUSPEND:
             state[other] = "S"
             continue
+        if kind == PRIO_SET:
+            task, value = other, extra
         if kind == READY:
             state[task] = "R"
         elif kind == SWITCH:

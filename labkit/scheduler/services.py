@@ -259,9 +259,11 @@ def resumed(k: Kernel, by: int, target: Task) -> bool:
 def set_priority(k: Kernel, task: Task, target: Task | None, priority: int) -> None:
     """Rules 20 to 22."""
     target = target or task
-    base = target.base
+    base, current = target.base, target.priority
     task.result = None
-    k.log((k.now, PRIO_SET, task.code, target.code, priority, 0))
+    if priority != base and not k.textbook and (current == base or priority > current):
+        current = priority
+    k.log((k.now, PRIO_SET, task.code, target.code, priority, current))
     if priority == base:
         return
     target.base = priority
@@ -269,8 +271,7 @@ def set_priority(k: Kernel, task: Task, target: Task | None, priority: int) -> N
         settle(k, target, None, None)
     else:
         target.key = priority
-        follows = target.priority == base or priority > target.priority
-        k.change_priority(target, priority if follows else target.priority)
+        k.change_priority(target, current)
     lowers_itself = target is task and priority < base
     raises_above = target is not task and base < priority and priority > task.priority
     if lowers_itself or raises_above or k.is_outranked():

@@ -19,7 +19,7 @@ end
 inherit            other: task that caused it    value: priority from now on    extra: base priority
 disinherit         other: mutex or -1            value: priority from now on    extra: priority before
 disinherit_timeout other: mutex or -1            value: priority from now on    extra: priority before
-prio_set           other: task whose base is set value: new base priority
+prio_set           other: task whose base is set value: new base priority       extra: its current priority
 take               other: object                 value: count before
 take_block         other: object                 value: count before
 take_fail          other: object                 value: count before

@@ -298,6 +298,31 @@ def test_the_textbook_disinherits_when_the_waiter_times_out():
     assert [row[1:] for row in priorities(trace).tolist() if row[0] == trace.code("low")] == [[0, 10, 1], [10, 30, 4], [30, 50, 1]]
 
 
+@pytest.mark.parametrize("act", [lambda os, high: os.suspend(high), lambda os, high: os.set_priority(high, 1)])
+def test_a_holder_that_sends_its_waiter_away_gives_way_at_once(act):
+    k = kernel()
+    lock = k.mutex("lock", protocol="inheritance")
+
+    def low(os):
+        yield os.take(lock)
+        yield os.compute(15)
+        yield act(os, high)
+        yield os.compute(5)
+
+    def middle(os):
+        yield os.delay_until(1)
+        yield os.mark()
+
+    def waits(os):
+        yield os.delay_until(1)
+        yield os.take(lock)
+
+    k.task("low", low, priority=1)
+    k.task("middle", middle, priority=2)
+    high = k.task("high", waits, priority=4)
+    assert marks(k.run(until=30)) == [(15, "middle", 0)]
+
+
 def test_a_task_above_the_ceiling_is_refused():
     k = kernel()
     lock = k.mutex("lock", protocol="ceiling", ceiling=2)

@@ -56,6 +56,11 @@ def test_priorities_step_at_inheritance_and_end_with_the_task():
     assert priorities(t).tolist() == [[A, 0, 10, 1], [B, 0, 50, 2], [A, 10, 20, 2], [A, 20, 30, 1]]
 
 
+def test_a_priority_set_while_blocked_counts_at_once():
+    t = trace((0, "create", A, -1, 1), (0, "create", B, -1, 2), (10, "prio_set", B, A, 5, 5))
+    assert priorities(t).tolist() == [[A, 0, 10, 1], [B, 0, 50, 2], [A, 10, 50, 5]]
+
+
 @pytest.mark.parametrize("fold", [runs, overheads, holds, waits, priorities])
 def test_an_empty_trace_has_no_intervals(fold):
     assert len(fold(trace())) == 0

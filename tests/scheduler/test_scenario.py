@@ -1,0 +1,286 @@
+"""Reading scenarios: every mistake is one clear sentence; and random ones, against what must hold for all."""
+
+import copy
+import json
+from collections import deque
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from labkit.scheduler import read_scenario, replay
+from labkit.trace.folds import holds, runs
+from labkit.trace.kinds import KINDS
+
+GOOD = {
+    "name": "good",
+    "end_tick": 20,
+    "objects": [
+        {"name": "M", "kind": "mutex", "length": 1, "init": 1},
+        {"name": "S", "kind": "counting", "length": 3, "init": 0},
+        {"name": "Q", "kind": "queue", "length": 2, "init": 0},
+        {"name": "R", "kind": "recursive", "length": 1, "init": 1},
+    ],
+    "tasks": [
+        {"name": "A", "priority": 2, "loop_from": None, "program": [["take", "M", 5, 1], ["give", "M"], ["burn", 3]]},
+        {"name": "B", "priority": 1, "loop_from": 0, "program": [["burn", 2], ["send", "Q", "seq", 0, 0]]},
+    ],
+    "isr": [{"tick": 4, "op": "give", "target": "S", "value": 0}],
+}
+
+
+def test_a_scenario_can_be_a_mapping_or_a_file(tmp_path):
+    file = tmp_path / "good.json"
+    file.write_text(json.dumps(GOOD))
+    assert read_scenario(file) == read_scenario(str(file)) == read_scenario(GOOD)
+    assert replay(read_scenario(GOOD)).trace.end == 20
+
+
+def set_at(path, value):
+    """GOOD with one place changed."""
+    data = copy.deepcopy(GOOD)
+    place = data
+    for key in path[:-1]:
+        place = place[key]
+    if value is KeyError:
+        del place[path[-1]]
+    else:
+        place[path[-1]] = value
+    return data
+
+
+STEP = ("tasks", 0, "program", 0)
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "message"),
+    [
+        (STEP, ["jump", 3], r"task 'A', step 0: unknown step \['jump', 3\]; there are burn, delay"),
+        (STEP, 7, "task 'A', step 0: unknown step 7"),
+        (STEP, [], "unknown step"),
+        (STEP, ["take", "M", 5], "take has 2 arguments; it takes 3"),
+        (STEP, ["take", "X", 5, 0], "there is no binary or counting or mutex 'X'; known names are M, S, Q, R, A, B"),
+        (STEP, ["take", "Q", 5, 0], "'Q' is a queue; a binary or counting or mutex is allowed"),
+        (STEP, ["take", "R", 5, 0], "'R' is a recursive"),
+        (STEP, ["rtake", "M", 5, 0], "'M' is a mutex; a recursive is allowed"),
+        (STEP, ["take", ["M"], 5, 0], r"there is no binary or counting or mutex \['M'\]"),
+        (STEP, ["take", "M", -1, 0], "take: timeout is -1; a whole number is allowed, at least 0"),
+        (STEP, ["take", "M", 5, 3], "take: skip is 3; a whole number is allowed, 0 to 2"),
+        (STEP, ["burn", -2], "burn: ticks is -2"),
+        (STEP, ["burn", 1.5], "burn: ticks is 1.5"),
+        (STEP, ["burn", True], "burn: ticks is True"),
+        (STEP, ["delay_until", 0], "delay_until: period is 0"),
+        (STEP, ["notify_give", "C"], "there is no task 'C'"),
+        (STEP, ["notify_take", "all", None, 0], "'all' is not allowed; 'clear' or 'decrement' is"),
+        (STEP, ["set_prio", "self", 8], "set_prio: priority is 8; a whole number is allowed, 1 to 7"),
+        (STEP, ["send", "Q", "first", 0, 0], "item .or 'seq' or 'last'. is 'first'"),
+        (STEP, ["overwrite", "Q", 1], "overwrite on queue 'Q' of length 2"),
+        (("tasks", 0, "priority"), 0, "task 'A': priority is 0; a whole number is allowed, 1 to 7"),
+        (("tasks", 0, "priority"), "high", "task 'A': priority is 'high'"),
+        (("tasks", 0, "loop_from"), 3, "task 'A': loop_from is 3; a whole number is allowed, 0 to 2"),
+        (("tasks", 0, "program"), "burn", "task 'A': 'program' is missing or no list"),
+        (("tasks", 0, "name"), "B", "the name 'B' is used more than once"),
+        (("tasks", 0, "name"), "M", "the name 'M' is used more than once"),
+        (("tasks", 0, "name"), "IDLE", "task 0: name 'IDLE'"),
+        (("tasks", 0), None, "task 0 is NoneType"),
+        (("objects", 0, "kind"), "lock", "object 'M' has kind 'lock'; there are binary"),
+        (("objects", 1, "init"), 4, "object 'S': init is 4; a whole number is allowed, 0 to 3"),
+        (("objects", 2, "length"), 0, "object 'Q': length is 0"),
+        (("isr", 0, "tick"), -4, "isr 0: tick is -4"),
+        (("isr", 0, "op"), "take", "isr 0: unknown op 'take'; there are notify_give, give, send, resume"),
+        (("isr", 0, "target"), "M", "isr 0: give: 'M' is a mutex; a binary or counting is allowed"),
+        (("end_tick",), 0, "end_tick is 0"),
+        (("end_tick",), KeyError, "end_tick is None"),
+        (("tasks",), KeyError, "the scenario: 'tasks' is missing or no list"),
+        (("config",), {"cores": 2}, "config: cores is 2; the model covers 1 only"),
+    ],
+)
+def test_a_mistake_is_one_sentence_with_place_and_remedy(path, value, message):
+    with pytest.raises(ValueError, match=message):
+        read_scenario(set_at(path, value))
+
+
+@pytest.mark.parametrize("text", ["", "{", "[1, 2", "nul", "[" * 100_000])
+def test_a_file_that_is_no_json_is_said_to_be_none(tmp_path, text):
+    file = tmp_path / "bad.json"
+    file.write_text(text)
+    with pytest.raises(ValueError, match="is no JSON"):
+        read_scenario(file)
+
+
+@given(st.recursive(st.none() | st.booleans() | st.integers() | st.text(max_size=3), lambda inner: st.lists(inner) | st.dictionaries(st.sampled_from(["name", "tasks", "objects", "program", "isr", "end_tick", "kind", "priority"]), inner)))
+@settings(max_examples=200, deadline=None)
+def test_whatever_it_is_given_it_says_so(data):
+    try:
+        read_scenario(data if isinstance(data, dict) else {"tasks": data})
+    except ValueError as error:
+        assert str(error)
+
+
+# Random scenarios
+
+OBJECTS = [
+    {"name": "M1", "kind": "mutex"},
+    {"name": "M2", "kind": "mutex"},
+    {"name": "R", "kind": "recursive"},
+    {"name": "S", "kind": "binary"},
+    {"name": "C", "kind": "counting", "length": 2, "init": 1},
+    {"name": "Q", "kind": "queue", "length": 2},
+    {"name": "B", "kind": "queue", "length": 1},
+]
+TASKS = ("T0", "T1", "T2", "T3")
+
+ticks = st.integers(1, 5)
+timeouts = st.none() | st.integers(0, 6)
+queues = st.sampled_from(("Q", "B"))
+others = st.sampled_from(TASKS)
+
+simple_step = st.one_of(
+    st.tuples(st.just("burn"), ticks),
+    st.tuples(st.just("delay"), st.integers(0, 4)),
+    st.tuples(st.just("delay_until"), ticks),
+    st.just(("yield",)),
+    st.tuples(st.just("take"), st.sampled_from(("S", "C")), timeouts, st.just(0)),
+    st.tuples(st.just("give"), st.sampled_from(("S", "C"))),
+    st.tuples(st.sampled_from(("send", "send_front")), queues, st.just("seq") | st.integers(0, 9), timeouts, st.just(0)),
+    st.tuples(st.just("overwrite"), st.just("B"), st.just("seq") | st.just("last")),
+    st.tuples(st.sampled_from(("recv", "peek")), queues, timeouts, st.just(0)),
+    st.tuples(st.just("notify_give"), others),
+    st.tuples(st.just("notify_take"), st.sampled_from(("clear", "decrement")), timeouts, st.just(0)),
+    st.tuples(st.just("suspend"), st.sampled_from(("self", "T0"))),
+    st.tuples(st.just("resume"), others),
+    st.tuples(st.just("set_prio"), others | st.just("self"), st.integers(1, 7)),
+)
+
+
+def locked(inner):
+    """Steps within a mutex, jumped over if it cannot be had in time."""
+
+    def wrap(lock, timeout, steps):
+        take, give = ("rtake", "rgive") if lock == "R" else ("take", "give")
+        return [(take, lock, timeout, len(steps) + 1), *steps, (give, lock)]
+
+    return st.builds(wrap, st.sampled_from(("M1", "M2", "R")), timeouts, inner)
+
+
+def flat(blocks):
+    return [step for block in blocks for step in block]
+
+
+block = st.builds(lambda step: [step], simple_step)
+programs = st.lists(block | locked(st.lists(block | locked(st.lists(block, max_size=2).map(flat)), max_size=3).map(flat)), max_size=5).map(flat)
+
+
+@st.composite
+def scenarios(draw):
+    tasks = []
+    for name in TASKS[: draw(st.integers(2, 4))]:
+        program = [("burn", draw(ticks)), *draw(programs)]
+        loop_from = 0 if name == "T0" else draw(st.sampled_from((None, 0)))  # T0 is suspended by others, so it never ends
+        tasks.append({"name": name, "priority": draw(st.integers(1, 5)), "program": program, "loop_from": loop_from})
+    names = {task["name"] for task in tasks}
+    for task in tasks:  # a step about a task that is not there becomes a yield
+        task["program"] = [("yield",) if step[0] in ("notify_give", "resume", "set_prio") and step[1] not in names | {"self"} else step for step in task["program"]]
+    ops = st.sampled_from((("give", "S"), ("give", "C"), ("send", "Q"), ("notify_give", "T0"), ("resume", "T0"), ("resume", "T1")))
+    isr = [{"tick": tick, "op": op, "target": target, "value": tick} for tick, (op, target) in draw(st.lists(st.tuples(st.integers(1, 60), ops), max_size=6))]
+    return read_scenario({"name": "random", "end_tick": 60, "objects": OBJECTS, "tasks": tasks, "isr": isr})
+
+
+def own_mutex_twice(scenario):
+    """Whether a task can take a plain mutex that it holds: FreeRTOS does not allow it."""
+    for task in scenario.tasks:
+        open_locks = []
+        for name, arguments, _ in task.program:
+            if name == "take" and arguments[0] in open_locks:
+                return True
+            if name in ("take", "give") and arguments[0] in ("M1", "M2"):
+                open_locks.append(arguments[0]) if name == "take" else open_locks.remove(arguments[0])
+    return False
+
+
+def rows(run):
+    names = (*run.trace.names, None)
+    for time, kind, task, other, value, extra in run.trace.rows().tolist():
+        yield time, KINDS[kind], names[task], names[other], value, extra
+
+
+protocols = st.sampled_from(("freertos", "none", "inheritance"))
+
+
+@given(scenarios(), protocols)
+@settings(max_examples=120, deadline=None)
+def test_what_holds_for_every_scenario(scenario, protocol):
+    run = replay(scenario, protocol)
+    assert replay(scenario, protocol).trace.rows().tolist() == run.trace.rows().tolist()
+
+    timeline = runs(run.trace)
+    assert timeline[0, 1] == 0 and timeline[-1, 2] == scenario.end_tick
+    assert (timeline[1:, 1] == timeline[:-1, 2]).all()
+
+    for lock in ("M1", "M2", "R"):
+        if not own_mutex_twice(scenario):
+            held = [(start, end) for _, code, start, end in holds(run.trace).tolist() if run.trace.names[code] == lock]
+            assert all(end <= start for (_, end), (start, _) in zip(held, held[1:], strict=False))
+
+    queues = {"Q": deque(), "B": deque()}
+    for _, kind, _, other, value, extra in rows(run):
+        items = queues.get(other)
+        if kind in ("send", "send_front", "overwrite", "recv", "peek"):
+            assert value == len(items)
+        if kind == "send":
+            items.append(extra)
+        elif kind == "send_front":
+            items.appendleft(extra)
+        elif kind == "overwrite":
+            queues[other] = deque([extra])
+        elif kind == "recv":
+            assert extra == items.popleft()
+        elif kind == "peek":
+            assert extra == items[0]
+        elif kind == "send_fail":
+            assert len(items) == {"Q": 2, "B": 1}[other]
+
+
+@given(scenarios(), st.sampled_from(("none", "inheritance")))
+@settings(max_examples=120, deadline=None)
+def test_no_task_runs_below_a_ready_one(scenario, protocol):
+    """Holds for every protocol but FreeRTOS's own (rule 17)."""
+    ready, running, before = {}, None, 0
+    for time, kind, task, other, value, extra in rows(replay(scenario, protocol)):
+        if time > before:
+            assert ready[running] == max(ready.values())
+            before = time
+        if kind in ("ready", "create"):
+            ready[task] = value
+        elif kind == "switch":
+            running = task
+            if extra > 0:
+                ready.pop(other, None)
+        elif kind == "suspend" and other != running:
+            ready.pop(other, None)
+
+
+@given(scenarios())
+@settings(max_examples=60, deadline=None)
+def test_textbook_priority_is_the_maximum_of_base_and_waiters(scenario):
+    """At every instant a holder runs at least as high as anyone who waits for its lock."""
+    priority, base, waiting, held = {}, {}, {}, {}
+    before = 0
+    for time, kind, task, other, value, _ in rows(replay(scenario, "inheritance")):
+        if time > before:
+            for waiter, lock in waiting.items():
+                if lock in held and held[lock] != waiter:
+                    assert priority[held[lock]] >= priority[waiter]
+            before = time
+        if kind == "create":
+            priority[task] = base[task] = value
+        elif kind in ("ready", "switch", "inherit", "disinherit", "disinherit_timeout"):
+            priority[task] = value
+        if kind == "ready" or kind == "suspend":
+            waiting.pop(task if kind == "ready" else other, None)
+        elif kind == "take_block" and other in ("M1", "M2", "R"):
+            waiting[task] = other
+        elif kind == "take" and other in ("M1", "M2", "R"):
+            held[other] = task
+        elif kind == "give":
+            held.pop(other, None)
