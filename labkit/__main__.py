@@ -98,6 +98,21 @@ def _replay(args: argparse.Namespace) -> None:
         print(f"deadlock: {wait}")
 
 
+def _cache(args: argparse.Namespace) -> None:
+    from labkit.cache import count_trace
+
+    counts = count_trace(args.trace, args.size, args.ways, args.line, args.policy, seed=args.seed)
+    if args.json:
+        _print_json({"trace": args.trace, "size": args.size, "ways": args.ways, "line": args.line, "policy": args.policy, "counts": counts})
+        return
+    print(f"{args.size} bytes, {args.ways} ways, lines of {args.line} bytes, policy {args.policy}")
+    for kind in ("read", "write"):
+        of, missed = counts[f"{kind}s"], counts[f"{kind}_misses"]
+        print(f"    {kind}s: {of}, of them missed {missed}{f' ({100 * missed / of:.2f} %)' if of else ''}")
+    for name in ("lines_touched", "fills", "evictions", "write_backs"):
+        print(f"    {name.replace('_', ' ')}: {counts[name]}")
+
+
 def parser() -> argparse.ArgumentParser:
     """The commands and their options."""
     top = argparse.ArgumentParser(prog="labkit", description="The Real-Time Lab on the command line.")
@@ -123,6 +138,14 @@ def parser() -> argparse.ArgumentParser:
     c.add_argument("scenario", metavar="SCENARIO.json")
     c.add_argument("--timeline", metavar="T.csv", help="who consumed each tick: start,end,task")
     c.add_argument("--events", metavar="E.csv", help="every kernel event: tick,event,task,detail")
+    c = add("cache", _cache, "count the hits and misses of a recorded trace of data references")
+    c.add_argument("trace", metavar="TRACE.npz", help="arrays op (uint8: 1 store, 2 load, 3 modify), addr (uint64), size (uint8)")
+    c.add_argument("--size", type=int, default=16384, metavar="BYTES", help="capacity of the cache (default: %(default)s)")
+    c.add_argument("--ways", type=int, default=4, help="lines per set (default: %(default)s)")
+    c.add_argument("--line", type=int, default=32, metavar="BYTES", help="bytes per line (default: %(default)s)")
+    c.add_argument("--policy", default="lru", help="replacement: lru, plru, fifo or random (default: %(default)s)")
+    c.add_argument("--seed", type=int, default=0, help="for the policy random")
+    c.add_argument("--json", action="store_true")
     return top
 
 
