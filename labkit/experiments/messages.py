@@ -140,12 +140,12 @@ class SignalLab(Experiment):
     burst: Annotated[int, Interval(ge=1, le=10), Unit("events"), Doc("interrupts in a row, 100 us apart")] = 4
     burst_every: Annotated[int, Interval(ge=2, le=20), Unit("ms"), Doc("distance of the bursts")] = 10
     serve_in: Annotated[int, Interval(ge=100, le=3000), MultipleOf(100), Unit("us"), Doc("work of the handler for each event")] = 600
-    semaphore_cycles: Annotated[int, Interval(ge=100, le=2000), MultipleOf(50), Unit("cycles"), Doc("cost of a semaphore's give or take")] = 400
+    semaphore_call: Annotated[int, Interval(ge=100, le=2000), MultipleOf(50), Unit("cycles"), Doc("cost of a semaphore's give or take")] = 400
     notification_saves: Annotated[int, Interval(ge=0, le=60), MultipleOf(5), Unit("%"), Doc("how much less a notification costs")] = 45
 
     def run(self) -> Service:
         notification = self.mechanism.startswith("notify")
-        call = round(self.semaphore_cycles * (1 - self.notification_saves / 100)) if notification else self.semaphore_cycles
+        call = round(self.semaphore_call * (1 - self.notification_saves / 100)) if notification else self.semaphore_call
         # a give from an interrupt is charged with its entry; a take when it is called, so before the handler sleeps
         k = Kernel(costs=Costs(switch=200, service={"take": call, "notify_take": call}, isr_entry=100 + call, isr_exit=50))
         semaphore = k.counting("S", 8 if self.mechanism == "counting" else 1)

@@ -30,8 +30,9 @@ def activity(trace: Trace, tasks: Sequence[str], steps: Sequence[Steps], counts:
 
     `marks` are points in the lower panel: name -> (times in ms, heights, plotly symbol, colour). `end` is the end of the time axis in ms.
     """
+    lower = 0.94 - 0.2 * len(tasks)  # share of the picture left for the counts
     row = {name: float(len(tasks) - 1 - i) for i, name in enumerate(tasks)}
-    data = bars_of(trace, row, (), "y", legend=True)
+    data = bars_of(trace, row, (), "y", legend=True, waiting="waits")
     for s in steps:
         data.append({"type": "scatter", "mode": "lines", "x": np.append(s.time, end), "y": np.append(s.value, s.value[-1:] if len(s.value) else 0),
                      "yaxis": "y2", "name": s.name, "line": {"shape": "hv", "color": s.colour, "width": 3, "dash": s.dash},
@@ -43,6 +44,6 @@ def activity(trace: Trace, tasks: Sequence[str], steps: Sequence[Steps], counts:
     return {"data": data, "layout": layout(
         height, barmode="overlay", margin={"l": 64, "r": 16, "t": 26, "b": 48},
         xaxis=axis("time [ms]", range=[0, end], anchor="y2"),
-        yaxis=axis("", domain=[0.5, 1], range=[-0.6, len(tasks) - 0.4], tickvals=list(row.values()),
+        yaxis=axis("", domain=[lower + 0.06, 1], range=[-0.6, len(tasks) - 0.4], tickvals=list(row.values()),
                    ticktext=[f"<b>{name}</b>" for name in row], showgrid=False, fixedrange=True),
-        yaxis2=axis(counts, domain=[0, 0.44], rangemode="tozero", gridcolor="#e6e9ec", linecolor=GREY))}
+        yaxis2=axis(counts, domain=[0, lower], rangemode="tozero", gridcolor="#e6e9ec", linecolor=GREY))}

@@ -19,6 +19,11 @@ TASK_COLOURS = {
     "EthIf": "#4D7C0F", "EthLink": "#B03060", "tcpip_thread": "#7A5195", "Tmr Svc": GREY,
 }
 
+#: How every picture marks a number that a source printed (or that follows from two of them): a dark diamond.
+PUBLISHED = {"symbol": "diamond", "size": 14, "color": INK, "line": {"width": 1.5, "color": "white"}}
+#: The same for the one of a pair that is "before": open.
+PUBLISHED_BEFORE = {"symbol": "diamond", "size": 13, "color": "white", "line": {"width": 2.5, "color": INK}}
+
 
 def colours(names: Iterable[str]) -> dict[str, str]:
     """A colour for each name: the fixed one where the lab has one, else one that depends on the name only, unless it is taken."""

@@ -76,7 +76,8 @@ def _ms(trace: Trace, time: Any) -> Any:
     return (time - trace.start) * (1e3 / trace.hz)
 
 
-def bars_of(trace: Trace, row: Mapping[str, float], locks: Sequence[str], yaxis: str, legend: bool) -> list[dict[str, Any]]:
+def bars_of(trace: Trace, row: Mapping[str, float], locks: Sequence[str], yaxis: str, legend: bool,
+            waiting: str = "waits for lock") -> list[dict[str, Any]]:
     """The five plotly traces of a Gantt chart: ready, waiting, running, holding a lock, releases; `row` gives the height of each task."""
     names = np.array(trace.names, dtype=object)
     colour = colours(row)
@@ -104,7 +105,7 @@ def bars_of(trace: Trace, row: Mapping[str, float], locks: Sequence[str], yaxis:
     releases = releases[[names[t] in row for t in releases[:, 2]]] if len(releases) else releases
     return [
         bars(ready(trace), THIN, middle, "ready, not running", marker={"color": GREY}),
-        bars(waits(trace), BAR, middle, "waits for lock", marker={
+        bars(waits(trace), BAR, middle, waiting, marker={
             "color": "rgba(255,255,255,0)", "line": {"color": GREY, "width": 1.5},
             "pattern": {"shape": "/", "fgcolor": GREY, "size": 7, "solidity": 0.25}}),
         bars(runs(trace), BAR, middle, "runs", showlegend=False, marker=lambda who, _: {"color": [colour[n] for n in who], "line": {"width": 0}}),
