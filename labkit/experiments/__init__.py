@@ -14,6 +14,16 @@ MODULES: dict[str, str] = {
     "MarsPathfinder": "priority_inversion",
     "QueueLab": "messages",
     "SignalLab": "messages",
+    "DmaCoherence": "dma_coherence",
+    "Alignment": "dma_coherence",
+    "UrosSession": "dma_session",
+    "SpeedupGuess": "cache_speedups",
+    "PublishedSpeedups": "cache_speedups",
+    "CacheMap": "cache_patterns",
+    "MissRates": "cache_patterns",
+    "MatrixOrders": "cache_patterns",
+    "TimingModel": "cache_speedups",
+    "Explanations": "cache_speedups",
 }
 
 

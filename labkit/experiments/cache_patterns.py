@@ -1,0 +1,247 @@
+"""Notebook 02, the cache itself: a map of sets and ways, miss rates over size, ways and stride, loop orders of a matrix product."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Annotated, Any, ClassVar, Literal
+
+import numpy as np
+from annotated_types import Interval, MaxLen, MultipleOf, Unit
+from typing_extensions import Doc
+
+from labkit.cache import DCACHE, Cache, Geometry, MissClasses, References, count, miss_classes, patterns, references_of, replay, stm32f767, timeline
+from labkit.cache.records import Access
+from labkit.experiment import Experiment, Labels, Metric, Verdict, progress
+from labkit.figures.cache_map import cache_map
+from labkit.figures.curves import Curve, curves
+from labkit.figures.style import BLUE, INK, ORANGE, SKY, VERMILION, axis, layout
+
+LINE = 32  # bytes, of the Cortex-M7
+POLICIES = {"lru": "LRU: longest not used", "plru": "tree-PLRU: a tree of bits", "fifo": "FIFO: longest in the cache", "random": "random, seed 0"}
+Policy = Annotated[Literal["lru", "plru", "fifo", "random"], Labels(POLICIES), Doc("who has to go when a set is full")]
+MOST_STEPS = 1000
+
+
+@lru_cache(maxsize=16)
+def _play(pattern: str, text: str, elements: int, stride: int, rounds: int, edge: int, stores: bool, geometry: Geometry, policy: str) -> tuple[Access, ...]:
+    """The records of a pattern in a data cache over the memory of the STM32F767; kept, so that a step costs only its picture."""
+    op = "modify" if stores else "read"
+    match pattern:
+        case "sequential": made = patterns.sequential(elements, op=op, rounds=rounds)
+        case "strided": made = patterns.strided(elements, stride, op=op, rounds=rounds)
+        case "matrix": made = patterns.matrix_product(edge, element=8)
+        case "random": made = patterns.random(elements * rounds, elements * stride, op=op)
+        case _: made = patterns.parse(text)
+    if len(made) > MOST_STEPS:
+        raise ValueError(f"the pattern has {len(made)} accesses; the map steps through {MOST_STEPS} at most")
+    return tuple(replay(made, Cache(stm32f767(), geometry, policy)))
+
+
+@dataclass(frozen=True)
+class Walk:
+    """All records of the pattern, and how many of them have happened at the step shown."""
+
+    records: tuple[Access, ...]
+    step: int
+
+
+class CacheMap(Experiment):
+    """What is in the cache after each access, and why did this one miss?
+
+    A pattern of accesses goes through a small data cache with lines of 32 bytes; `step` is how many have happened. Above the map of
+    sets and ways; the outlined cell is where the latest access went. Below all addresses in order of time.
+    """
+
+    step: Annotated[int, Interval(ge=0, le=MOST_STEPS), Unit("accesses"), Doc("how far the pattern has run; arrow keys step one by one")] = 20
+    pattern: Annotated[Literal["sequential", "strided", "matrix", "random", "own"], Labels({
+        "sequential": "sequential, 4 bytes apart", "strided": "strided, by the slider", "matrix": "matrix product of doubles, i j k",
+        "random": "random, in elements x stride bytes", "own": "my own, as text below"}), Doc("which addresses the CPU asks for")] = "strided"
+    elements: Annotated[int, Interval(ge=1, le=100), Doc("elements of 4 bytes in a round")] = 12
+    stride: Annotated[int, Interval(ge=4, le=1024), MultipleOf(4), Unit("bytes"), Doc("distance of neighbouring elements")] = 32
+    rounds: Annotated[int, Interval(ge=1, le=10), Doc("how often all elements are visited")] = 3
+    edge: Annotated[int, Interval(ge=2, le=6), Doc("rows and columns of the matrices")] = 4
+    size: Annotated[Literal[128, 256, 512, 1024, 2048, 4096, 16384], Labels({k: f"{k} bytes" for k in (128, 256, 512, 1024, 2048, 4096)} | {16384: "16 KiB, the Cortex-M7's"}),
+                    Doc("capacity of the cache")] = 256
+    ways: Annotated[Literal[1, 2, 4], Labels({1: "1, direct-mapped", 2: "2", 4: "4, the Cortex-M7's"}), Doc("lines per set")] = 2
+    policy: Policy = "lru"
+    stores: Annotated[bool, Doc("each access also changes its element, so that lines become dirty")] = False
+    own: Annotated[str, MaxLen(400), Doc("statements between semicolons: read|write|modify ADDRESS [size N] [times N] [step N], repeat N ... end")] = (
+        "repeat 4; read 0x20020000 times 3 step 128; write 0x20020040; end")
+
+    def run(self) -> Walk:
+        records = _play(self.pattern, self.own if self.pattern == "own" else "", self.elements, self.stride, self.rounds, self.edge,
+                        self.stores, Geometry(self.size, self.ways, LINE), self.policy)
+        return Walk(records, min(self.step, len(records)))
+
+    def figure(self, result: Walk) -> dict[str, Any]:
+        return cache_map(timeline(result.records), result.step, Geometry(self.size, self.ways, LINE))
+
+    def metrics(self, result: Walk) -> list[Metric]:
+        done = result.records[:result.step]
+        cached = [r for r in done if not r.bypass]
+        misses = sum(not r.hit for r in cached)
+        why = miss_classes(sum(r.filled for r in cached), references_of(done), Geometry(self.size, self.ways, LINE))
+        rest = [Metric(name, value, "misses", note=note) for name, value, note in (
+            ("compulsory", why.compulsory, "the first touch of a line"),
+            ("capacity", why.capacity, "what a cache of this size with a single set (LRU) misses as well"),
+            ("conflict", why.conflict, "the rest; below 0 where the single set does worse"))]
+        return [
+            Metric("step", result.step, f"of {len(result.records)}"),
+            Metric("misses so far", misses, f"of {len(cached)}"),
+            Metric("miss rate so far", 100 * misses / len(cached) if cached else None, "%"),
+            *rest,
+            Metric("written back", sum(r.written_back for r in done), "lines"),
+        ]
+
+
+SIZES = (512, 1024, 2048, 4096, 8192, 16384, 32768, 65536)
+WAYS = (1, 2, 4, 8, 16)
+STRIDES = tuple(4 << n for n in range(11))
+VISITS = 4  # rounds of MissRates
+
+
+class MissRates(Experiment):
+    """When does a walk over the same elements miss: too much data, too few ways, or the wrong stride?
+
+    A number of elements, `stride` bytes apart, is visited four times. Each panel varies one thing and keeps the others where the
+    sliders are; the large point is where they are.
+    """
+
+    elements: Annotated[int, Interval(ge=8, le=512), MultipleOf(8), Doc("elements of 4 bytes visited in each round")] = 256
+    stride: Annotated[Literal[STRIDES], Labels({s: f"{s} bytes" for s in STRIDES}), Doc("distance of neighbouring elements")] = 32
+    size: Annotated[Literal[SIZES], Labels({s: f"{s} bytes" if s < 1024 else f"{s // 1024} KiB" for s in SIZES}), Doc("capacity of the cache")] = 16384
+    ways: Annotated[Literal[WAYS], Doc("lines per set")] = 4
+    order: Annotated[Literal["circle", "back and forth", "shuffled"], Doc("how a round visits the elements")] = "circle"
+    policy: Policy = "lru"
+
+    def references(self, stride: int) -> References:
+        """The four rounds with this stride."""
+        walk = patterns.strided(self.elements, stride, rounds=VISITS)
+        rounds = walk.address.reshape(VISITS, -1).copy()
+        if self.order == "back and forth":
+            rounds[1::2] = rounds[1::2, ::-1]
+        elif self.order == "shuffled":
+            np.random.default_rng(0).permuted(rounds, axis=1, out=rounds)
+        return References(walk.op, rounds.ravel(), walk.size)
+
+    def rate(self, references: References, size: int, ways: int) -> float:
+        """Misses in % of the accesses."""
+        return 100 * count(references, Geometry(size, ways, LINE), self.policy)["read_misses"] / len(references)
+
+    def run(self) -> dict[str, list[float | None]]:
+        """Miss rates [%] over SIZES, WAYS and STRIDES; None for a cache too small for its ways."""
+        here = self.references(self.stride)
+        return {
+            "size": [self.rate(here, size, self.ways) if size >= self.ways * LINE else None for size in SIZES],
+            "ways": [self.rate(here, self.size, ways) if self.size >= ways * LINE else None for ways in WAYS],
+            "stride": [self.rate(self.references(stride), self.size, self.ways) for stride in STRIDES],
+        }
+
+    def figure(self, result: dict[str, list[float | None]]) -> dict[str, Any]:
+        panels = (("size", SIZES, [str(s) if s < 1024 else f"{s // 1024}K" for s in SIZES], "size of the cache [bytes]", BLUE),
+                  ("ways", WAYS, list(map(str, WAYS)), "lines per set (ways)", VERMILION),
+                  ("stride", STRIDES, [str(s) if s < 1024 else f"{s // 1024}K" for s in STRIDES], "stride [bytes]", ORANGE))
+        data, axes = [], {}
+        for i, (key, values, ticks, title, colour) in enumerate(panels):
+            line = Curve(f"over {key}", list(range(len(values))), result[key], colour, mark=values.index(getattr(self, key)))
+            start = (0, 0.38, 0.67)[i]
+            more, made = curves([line], title, "misses [%]" if i == 0 else "", (start, (0.33, 0.62, 1)[i]), str(i + 1) if i else "", y_range=(-4, 106), legend=False,
+                                tickvals=list(range(len(values))), ticktext=ticks, range=[-0.4, len(values) - 0.6])
+            data += more
+            axes |= made
+        return {"data": data, "layout": layout(400, **axes, margin={"l": 70, "r": 20, "t": 20, "b": 50})}
+
+    def metrics(self, result: dict[str, list[float | None]]) -> list[Metric]:
+        lines = len(np.unique(self.references(self.stride).address // LINE))
+        sets = self.size // (self.ways * LINE)
+        used = len(np.unique(self.references(self.stride).address // LINE % sets))
+        return [
+            Metric("misses", result["size"][SIZES.index(self.size)], "%"),
+            Metric("lines touched", lines, f"of {self.size // LINE} that fit", good=lines <= self.size // LINE),
+            Metric("sets used", used, f"of {sets}", note="a stride that is a multiple of sets x 32 bytes uses one set only"),
+            Metric("fewest possible misses", 100 * lines / (VISITS * self.elements), "%", note="each line once"),
+        ]
+
+
+ORDERS = patterns.ORDERS
+CAUSES = {"compulsory": SKY, "capacity": ORANGE, "conflict": VERMILION}
+
+
+class MatrixOrders(Experiment):
+    """Same product, same numbers: which order of the three loops misses least?
+
+    C = A B with n x n numbers of 4 bytes, C zero at first and added to at every step; all six orders of the loops, each miss by its cause.
+    """
+
+    slow: ClassVar[bool] = True
+
+    n: Annotated[int, Interval(ge=8, le=24), MultipleOf(8), Doc("rows and columns")] = 24
+    tile: Annotated[Literal[0, 2, 4, 8], Labels({0: "no tiles", 2: "2 x 2", 4: "4 x 4", 8: "8 x 8"}), Doc("edge of the squares into which all loops are cut")] = 0
+    size: Annotated[Literal[512, 1024, 2048, 4096, 8192], Labels({s: f"{s} bytes" for s in (512, 1024, 2048, 4096, 8192)}), Doc("capacity of the cache")] = 1024
+    ways: Annotated[Literal[1, 2, 4], Doc("lines per set")] = 4
+    order: Annotated[Literal[ORDERS], Doc("the one whose numbers are shown, loops from outside to inside")] = "ijk"
+
+    def run(self) -> dict[str, MissClasses]:
+        geometry, result = Geometry(self.size, self.ways, LINE), {}
+        for order in progress(ORDERS):
+            made = patterns.matrix_product(self.n, order=order, tile=self.tile or None)
+            result[order] = miss_classes(count(made, geometry)["fills"], made, geometry)
+        return result
+
+    def figure(self, result: dict[str, MissClasses]) -> dict[str, Any]:
+        data = [{"type": "bar", "x": list(range(6)), "y": [getattr(result[o], cause) for o in ORDERS], "name": cause, "width": 0.62,
+                 "marker": {"color": colour}, "hovertemplate": f"{cause}: %{{y}}<extra></extra>"} for cause, colour in CAUSES.items()]
+        totals = [result[o].total for o in ORDERS]
+        data.append({"type": "scatter", "mode": "markers+text", "x": list(range(6)), "y": totals, "text": [f"{t:,}".replace(",", "\u202f") for t in totals],
+                     "textposition": "top center", "name": "all misses", "marker": {"symbol": "line-ew", "size": 56, "line": {"width": 4, "color": INK}},
+                     "cliponaxis": False, "hovertemplate": "%{y} misses<extra></extra>"})
+        lowest, highest = min(0, *(result[o].conflict for o in ORDERS)), max(max(r.total, r.compulsory + r.capacity) for r in result.values())
+        return {"data": data, "layout": layout(
+            430, barmode="relative", margin={"l": 84, "r": 20, "t": 40, "b": 50},
+            xaxis=axis("order of the loops, from outside to inside", tickvals=list(range(6)), ticktext=[f"<b>{' '.join(o)}</b>" for o in ORDERS], showgrid=False),
+            yaxis=axis("lines missed", range=[1.1 * lowest, 1.14 * highest], zeroline=True, zerolinecolor=INK))}
+
+    def metrics(self, result: dict[str, MissClasses]) -> list[Metric]:
+        mine, steps = result[self.order], self.n**3
+        return [
+            Metric(f"misses of {self.order}", mine.total, f"in {4 * steps} accesses"),
+            Metric("compulsory", mine.compulsory, "lines"), Metric("capacity", mine.capacity, "lines"), Metric("conflict", mine.conflict, "lines"),
+            Metric("best order", min(result, key=lambda o: result[o].total)),
+            Metric("worst against best", max(r.total for r in result.values()) / min(r.total for r in result.values()), "times the misses"),
+        ]
+
+
+# Exercises: each asks the model
+
+def check_full_of_holes(answer: MissRates) -> Verdict:
+    """Exercise 1: every access misses in the Cortex-M7's data cache, although the lines would fit into it ten times."""
+    if (answer.size, answer.ways, answer.policy, answer.order) != (DCACHE.size, DCACHE.ways, "lru", "circle"):
+        return Verdict(False, "the cache stays 16 KiB with 4 ways and LRU, the order a circle; elements and stride are yours.")
+    references = answer.references(answer.stride)
+    lines = len(np.unique(references.address // LINE))
+    if lines * 10 > DCACHE.size // LINE:
+        return Verdict(False, f"{lines} lines are too many: ten times as many must fit into the {DCACHE.size // LINE} of the cache.")
+    rate = answer.rate(references, answer.size, answer.ways)
+    return Verdict(rate == 100, f"{lines} lines in a cache with room for {DCACHE.size // LINE}, and {rate:g} % of the accesses miss.")
+
+
+def check_fifo_beats_lru(text: str) -> Verdict:
+    """Exercise 2: a pattern of at most 12 accesses to four ways that FIFO serves with fewer misses than LRU."""
+    try:
+        made = patterns.parse(text)
+    except ValueError as error:
+        return Verdict(False, str(error))
+    if len(made) > 12:
+        return Verdict(False, f"{len(made)} accesses; 12 are enough.")
+    misses = {policy: count(made, Geometry(128, 4, LINE), policy)["fills"] for policy in ("lru", "fifo")}
+    return Verdict(misses["fifo"] < misses["lru"], f"in one set of 4 ways LRU misses {misses['lru']} times, FIFO {misses['fifo']} times.")
+
+
+def check_good_order(answer: MatrixOrders) -> Verdict:
+    """Exercise 3: at most a sixth of the misses of i j k without tiles, for the same product in the same cache."""
+    start = MatrixOrders()
+    if (answer.n, answer.size, answer.ways) != (start.n, start.size, start.ways):
+        return Verdict(False, "product and cache stay as they are; order and tile are yours.")
+    before, now = start.run()[start.order].total, answer.run()[answer.order].total
+    return Verdict(now * 6 <= before, f"{now} misses against {before} of i j k without tiles: {before / now:.1f} times fewer.")
