@@ -90,10 +90,10 @@ def _replay(args: argparse.Namespace) -> None:
     from labkit.scheduler import read_scenario, replay, write_events, write_timeline
 
     run = replay(read_scenario(args.scenario))
-    if args.timeline:
-        write_timeline(run, args.timeline)
-    if args.events:
-        write_events(run, args.events)
+    for path, write in ((args.timeline, write_timeline), (args.events, write_events)):
+        if path:
+            with open(path, "w", encoding="utf-8", newline="") as file:
+                write(run, file)
     for wait in run.deadlock:
         print(f"deadlock: {wait}")
 

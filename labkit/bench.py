@@ -21,6 +21,7 @@ from labkit.experiment import Experiment, Metric, Parameter, ParameterError, Sup
 
 STYLE = """
 .lab-bench {border: 1px solid #d0d7de; border-radius: 8px; padding: 10px 14px; overflow: hidden;}
+.lab-bench select {font-size: 14px;}
 .lab-bench .lab-controls {gap: 0 18px; overflow: hidden;}
 .lab-bench .widget-label, .lab-bench .widget-readout {font-size: 15px;}
 .lab-bench .lab-metrics {display: flex; flex-wrap: wrap; gap: 8px; line-height: 1.25;}
@@ -31,7 +32,7 @@ STYLE = """
 .lab-bench .lab-bad {border-left-color: #D55E00;}
 .lab-bench .lab-error {border-left: 6px solid #D55E00; background: #fff4ee; padding: 6px 12px; font-size: 15px; color: #1f2328;}
 .lab-bench .lab-code {font-size: 13px; color: #57606a;}
-.lab-lecture .widget-label, .lab-lecture .widget-readout, .lab-lecture .lab-error, .lab-lecture button {font-size: 21px !important;}
+.lab-lecture .widget-label, .lab-lecture .widget-readout, .lab-lecture .lab-error, .lab-lecture button, .lab-lecture select {font-size: 21px !important;}
 .lab-lecture .lab-metric b {font-size: 30px;}
 .lab-lecture .lab-metric span {font-size: 18px;}
 .lab-lecture .lab-code {font-size: 18px;}
@@ -229,6 +230,8 @@ class Bench(w.VBox):
         scale = LECTURE_SCALE if self._lecture else 1.0
         layout = dict(spec["layout"])
         layout["font"] = {**layout.get("font", {}), "size": round(FONT * scale)}
+        layout["annotations"] = [{**note, "font": {**note["font"], "size": round(note["font"]["size"] * scale)}} if "font" in note else note
+                                 for note in layout.get("annotations", ())]
         layout["autosize"] = True
         layout["height"] = round(layout.get("height", 460) * (1.2 if self._lecture else 1))
         return {"data": spec["data"], "layout": layout}

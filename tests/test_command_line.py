@@ -1,53 +1,80 @@
-"""The command line: what each command prints, and one sentence with exit code 1 for bad input."""
+"""The command line: same models, same numbers, one sentence for every mistake."""
 
+import csv
 import json
-from pathlib import Path
+import pathlib
 
 import pytest
 
 from labkit.__main__ import main
-from labkit.cache import count_trace
 
-CACHEGRIND = Path(__file__).parent / "oracle" / "cachegrind"
-
-
-@pytest.mark.parametrize(("size", "ways", "line"), [(16384, 4, 32), (4096, 1, 32), (8192, 2, 64)])
-def test_cache_prints_what_cachegrind_counted(size, ways, line, capsys):
-    counted = json.loads((CACHEGRIND / "mm.json").read_text(encoding="utf-8"))["counts"]
-    wanted = next(c for key, c in counted.items() if key.startswith(f"dcache {size} {ways} {line},"))
-    options = ["--size", str(size), "--ways", str(ways), "--line", str(line)]
-    assert main(["cache", str(CACHEGRIND / "mm_data.npz"), *options, "--json"]) == 0
-    counts = json.loads(capsys.readouterr().out)["counts"]
-    found = [counts[name] for name in ("reads", "read_misses", "writes", "write_misses")]
-    assert found == [wanted[name] for name in ("Dr", "D1mr", "Dw", "D1mw")]
-
-    assert main(["cache", str(CACHEGRIND / "mm_data.npz"), *options]) == 0
-    printed = capsys.readouterr().out
-    assert f"{size} bytes, {ways} ways, lines of {line} bytes, policy lru" in printed
-    assert f"reads: {wanted['Dr']}, of them missed {wanted['D1mr']} ({100 * wanted['D1mr'] / wanted['Dr']:.2f} %)" in printed
+ORACLE = pathlib.Path(__file__).parent / "oracle" / "freertos"
 
 
-@pytest.mark.parametrize("policy", ["plru", "fifo", "random"])
-def test_cache_takes_every_policy(policy, capsys):
-    trace = CACHEGRIND / "unaligned_data.npz"
-    assert main(["cache", str(trace), "--policy", policy, "--seed", "3", "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["counts"] == count_trace(trace, policy=policy, seed=3)
+def test_list_names_every_experiment_with_its_parameters(capsys):
+    assert main(["list", "--json"]) == 0
+    listed = json.loads(capsys.readouterr().out)
+    assert listed["priority-inversion"]["parameters"]["hold"]["allowed"] == "a whole number, 1 to 15 ms"
+    assert main(["list"]) == 0
+    assert "hold = 6" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize(("options", "sentence"), [
-    (["--size", "3000"], "size is 3000 bytes; it must be a power of two"),
-    (["--ways", "0"], "ways is 0; a cache has at least 1 way"),
-    (["--policy", "mru"], "no replacement policy 'mru'; there are"),
+def test_run_takes_parameters_and_prints_metrics(capsys):
+    assert main(["run", "priority-inversion", "--set", "hold=8", "--set", "protocol=ceiling", "--json"]) == 0
+    printed = json.loads(capsys.readouterr().out)
+    assert printed["parameters"]["hold"] == 8 and printed["parameters"]["protocol"] == "ceiling"
+    assert printed["metrics"][1]["bound"] == 8
+    assert main(["run", "priority-inversion"]) == 0
+    assert "H blocked, semaphore: 13 ms   (bound: 16 ms)" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(("arguments", "sentence"), [
+    (["run", "priority-reversion"], "there is no experiment 'priority-reversion'; there are three-tasks, priority-inversion"),
+    (["run", "priority-inversion", "--set", "hold=99"], "hold = 99 is not allowed; allowed is a whole number, 1 to 15 ms"),
+    (["run", "priority-inversion", "--set", "hold=x"], "hold = 'x' is not allowed; allowed is a whole number, 1 to 15 ms"),
+    (["run", "priority-inversion", "--set", "holds=1"], "priority-inversion has no parameter 'holds'; it has hold, interference"),
+    (["run", "priority-inversion", "--set", "hold"], "--set 'hold' has no '='; write --set name=value"),
+    (["trace", "nowhere.log"], "nowhere.log: cannot be read"),
+    (["replay", "nowhere.json"], "nowhere.json"),
 ])
-def test_cache_refuses_in_one_sentence(options, sentence, capsys):
-    assert main(["cache", str(CACHEGRIND / "mm_data.npz"), *options]) == 1
+def test_a_mistake_is_one_sentence_and_exit_code_1(arguments, sentence, capsys):
+    assert main(arguments) == 1
     error = capsys.readouterr().err
-    assert error.startswith("labkit cache: ") and sentence in error and error.count("\n") == 1
+    assert sentence in error and error.count("\n") == 1 and error.startswith(f"labkit {arguments[0]}: ")
 
 
-def test_cache_names_the_file_that_is_not_there_or_no_trace(tmp_path, capsys):
-    assert main(["cache", str(tmp_path / "gone.npz")]) == 1
-    assert "there is no file" in capsys.readouterr().err
-    (tmp_path / "text.npz").write_text("op,addr,size", encoding="utf-8")
-    assert main(["cache", str(tmp_path / "text.npz")]) == 1
-    assert "cannot be read as an .npz file" in capsys.readouterr().err
+def test_replay_writes_both_files(tmp_path, capsys):
+    timeline, events = tmp_path / "t.csv", tmp_path / "e.csv"
+    assert main(["replay", str(ORACLE / "02_inversion_mutex.json"), "--timeline", str(timeline), "--events", str(events)]) == 0
+    assert timeline.read_text() == (ORACLE / "02_inversion_mutex.timeline.csv").read_text()
+    with open(events, newline="") as ours, open(ORACLE / "02_inversion_mutex.csv", newline="") as theirs:
+        kinds = ("switch", "done", "inherit", "disinherit")
+        assert [r for r in csv.reader(ours) if r[1] in kinds] == [r for r in csv.reader(theirs) if r[1] in kinds]
+
+
+def test_replay_reports_a_deadlock(tmp_path, capsys):
+    scenario = json.loads((ORACLE / "02_inversion_mutex.json").read_text())
+    scenario["objects"] = [{"name": n, "kind": "mutex", "length": 1, "init": 1} for n in "AB"]
+    orders = {"L": ("A", "B"), "H": ("B", "A")}
+    scenario["tasks"] = [
+        {"name": name, "priority": 1 + (name == "H"), "release": 0, "loop_from": None, "program": [
+            ["delay", 1 if name == "H" else 0], ["take", first, None, 0], ["burn", 2], ["take", second, None, 0]]}
+        for name, (first, second) in orders.items()]
+    path = tmp_path / "deadlock.json"
+    path.write_text(json.dumps(scenario))
+    assert main(["replay", str(path)]) == 0
+    assert "waits for" in capsys.readouterr().out
+
+
+def test_trace_prints_statistics_and_every_repair(tmp_path, capsys):
+    log = tmp_path / "board.log"
+    log.write_text("Tmr Svc 10 1\nTmr Svc 14 0\nnonsense\n")
+    assert main(["trace", str(log)]) == 0
+    printed = capsys.readouterr().out
+    assert "Tmr Svc" in printed and "line 3" in printed
+    out = tmp_path / "run.json"
+    assert main(["trace", str(log), "--json", "--export", str(out)]) == 0
+    assert json.loads(capsys.readouterr().out)["statistics"]["Tmr Svc"]["sum"] == 4.0
+    assert any(event.get("name") == "Tmr Svc" for event in json.loads(out.read_text())["traceEvents"])
+    assert main(["trace", str(log), "--export", str(tmp_path / "run.xlsx")]) == 1
+    assert "it is one of .json, .csv" in capsys.readouterr().err

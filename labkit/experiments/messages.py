@@ -42,7 +42,7 @@ class QueueLab(Experiment):
     """
 
     mode: Annotated[Literal["drop", "wait", "overwrite"], Labels({
-        "drop": "send, wait time 0: drop when full", "wait": "send, wait until there is room", "overwrite": "overwrite a mailbox of length 1"}),
+        "drop": "send, drop when full", "wait": "send, wait for room", "overwrite": "overwrite a mailbox"}),
         Doc("what the producer does when the queue is full")] = "drop"
     length: Annotated[int, Interval(ge=1, le=12), Unit("items"), Doc("room in the queue (a mailbox always has 1)")] = 3
     produce_every: Annotated[int, Interval(ge=1, le=10), Unit("ms"), Doc("period of the producer")] = 2

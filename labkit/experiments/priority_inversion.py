@@ -121,7 +121,7 @@ class PriorityInversion(Experiment):
         for title, outcome in zip(titles, result, strict=True):
             trace, ms = outcome.run.trace, outcome.run.trace.hz // 1000
             done = round((self.release_H + outcome.response) * ms)
-            panels.append(Panel(title, trace, (done, "H", f"responds after {outcome.response:g} ms, {outcome.blocked:g} ms of them blocked")))
+            panels.append(Panel(title, trace, (done, "H", f"{outcome.response:g} ms, {outcome.blocked:g} ms blocked")))
         return timeline(panels, tasks=("H", "M", "L"), base=BASE, locks=("S",), end=self.horizon())
 
     def metrics(self, result: tuple[Outcome, Outcome]) -> list[Metric]:

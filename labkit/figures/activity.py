@@ -42,7 +42,7 @@ def activity(trace: Trace, tasks: Sequence[str], steps: Sequence[Steps], counts:
                      "marker": {"symbol": symbol, "size": 12, "color": colour, "line": {"width": 2, "color": colour}},
                      "hovertemplate": f"{name} at %{{x:.3f}} ms<extra></extra>"})
     return {"data": data, "layout": layout(
-        height, barmode="overlay", margin={"l": 64, "r": 16, "t": 26, "b": 48},
+        height, barmode="overlay", margin={"l": 64, "r": 16, "t": 46, "b": 52},
         xaxis=axis("time [ms]", range=[0, end], anchor="y2"),
         yaxis=axis("", domain=[lower + 0.06, 1], range=[-0.6, len(tasks) - 0.4], tickvals=list(row.values()),
                    ticktext=[f"<b>{name}</b>" for name in row], showgrid=False, fixedrange=True),

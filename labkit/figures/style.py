@@ -40,7 +40,7 @@ def colours(names: Iterable[str]) -> dict[str, str]:
 
 def axis(title: str, **more: Any) -> dict[str, Any]:
     """An axis with a title that names its unit, light grid, no zero line."""
-    return {"title": {"text": title}, "gridcolor": "#e6e9ec", "zeroline": False, "linecolor": GREY, "ticks": "outside", "automargin": True} | more
+    return {"title": {"text": title, "standoff": 8}, "gridcolor": "#e6e9ec", "zeroline": False, "linecolor": GREY, "ticks": "outside", "automargin": True} | more
 
 
 def layout(height: int, **more: Any) -> dict[str, Any]:

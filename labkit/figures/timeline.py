@@ -53,9 +53,9 @@ def timeline(panels: Sequence[Panel], tasks: Sequence[str], base: Mapping[str, i
         gantt, steps = (f"y{n}" if n > 1 else "y" for n in (2 * i + 1, 2 * i + 2))
         axes[gantt.replace("y", "yaxis")] = axis(
             "", domain=[low + 0.33 * share, top - 0.1 * share], range=[-0.4 - STRIP * len(locks), row[tasks[0]] + 0.45],
-            tickvals=list(row.values()), ticktext=[f"<b>{name}</b>" for name in row], showgrid=False, fixedrange=True)
+            tickvals=list(row.values()), ticktext=[f"<b>{name}</b>" for name in row], showgrid=False, fixedrange=True, automargin=False)
         axes[steps.replace("y", "yaxis")] = axis(
-            "priority", domain=[low + 0.06 * share, low + 0.29 * share], range=[levels[0] - 0.6, levels[-1] + 0.6], tickvals=levels, fixedrange=True)
+            "priority", domain=[low + 0.06 * share, low + 0.29 * share], range=[levels[0] - 0.6, levels[-1] + 0.6], tickvals=levels, fixedrange=True, automargin=False)
         data += bars_of(panel.trace, row, locks, gantt, legend=i == 0)
         data += _steps(panel.trace, tasks, steps)
         notes.append({"text": f"<b>{panel.title}</b>", "xref": "paper", "yref": "paper", "x": 0, "y": top, "yanchor": "top",
@@ -67,8 +67,8 @@ def timeline(panels: Sequence[Panel], tasks: Sequence[str], base: Mapping[str, i
         shapes += [{"type": "line", "xref": "x", "x0": _ms(panel.trace, at), "x1": _ms(panel.trace, at), "yref": f"{gantt} domain", "y0": 0,
                     "y1": 1, "line": {"color": VERMILION, "width": 3, "dash": "dot"}} for at in panel.alarms]
     return {"data": data, "layout": layout(
-        height, **axes, xaxis=axis("time [ms]", range=[0, end], anchor=f"y{2 * len(panels)}"), barmode="overlay", annotations=notes,
-        shapes=shapes, margin={"l": 64, "r": 16, "t": 26, "b": 48},
+        height, **axes, xaxis=axis("time [ms]", range=[0, end], anchor=f"y{2 * len(panels)}", automargin=False), barmode="overlay", annotations=notes,
+        shapes=shapes, margin={"l": max(70, 26 + 10 * max(map(len, tasks))), "r": 16, "t": 32, "b": 58},
         legend={"orientation": "h", "y": 1.0, "yanchor": "bottom", "x": 1, "xanchor": "right"})}
 
 
