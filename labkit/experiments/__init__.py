@@ -14,9 +14,6 @@ MODULES: dict[str, str] = {
     "MarsPathfinder": "priority_inversion",
     "QueueLab": "messages",
     "SignalLab": "messages",
-    "DmaCoherence": "dma_coherence",
-    "Alignment": "dma_coherence",
-    "UrosSession": "dma_session",
     "SpeedupGuess": "cache_speedups",
     "PublishedSpeedups": "cache_speedups",
     "CacheMap": "cache_patterns",
@@ -24,6 +21,9 @@ MODULES: dict[str, str] = {
     "MatrixOrders": "cache_patterns",
     "TimingModel": "cache_speedups",
     "Explanations": "cache_speedups",
+    "DmaCoherence": "dma_coherence",
+    "Alignment": "dma_coherence",
+    "UrosSession": "dma_session",
 }
 
 
