@@ -9,7 +9,7 @@ from labkit.scheduler.services import GIVE, GIVE_FAIL, SEND, SEND_FAIL, notify, 
 from labkit.trace.kinds import CODE, ISR_OPS
 
 if TYPE_CHECKING:
-    from labkit.scheduler.kernel import Kernel
+    from labkit.scheduler.core import Core
 
 ISR = CODE["isr"]
 
@@ -20,14 +20,14 @@ class Interrupt:
     A task that becomes ready above the interrupted one runs after all interrupts of that instant (rule 5).
     """
 
-    def __init__(self, kernel: Kernel, code: int):
-        self._kernel = kernel
+    def __init__(self, core: Core, code: int):
+        self._core = core
         self.code = code  # the name "ISR", which stands for the caller in the trace
 
     @property
     def now(self) -> int:
         """CPU cycles since the start."""
-        return self._kernel.now
+        return self._core.now
 
     def notify_give(self, task: Task) -> None:
         """Count up a task's notifications and wake it if it waits for one."""
@@ -62,7 +62,7 @@ class Interrupt:
         k = self._enter("resume", task, 0)
         k.switch_wanted |= resumed(k, self.code, task)
 
-    def _enter(self, op: str, target: Task | Semaphore | Mutex | Queue, value: int) -> Kernel:
-        k = self._kernel
+    def _enter(self, op: str, target: Task | Semaphore | Mutex | Queue, value: int) -> Core:
+        k = self._core
         k.log((k.now, ISR, k.running.code, target.code, value, ISR_OPS.index(op)))
         return k

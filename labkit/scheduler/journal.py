@@ -10,7 +10,7 @@ import numpy as np
 from labkit.trace.trace import COLUMNS, Trace
 
 #: Numbers after which the rows are packed; small enough to stay in the processor's cache.
-JOURNAL_PAGE = 1000 * len(COLUMNS)
+PAGE = 1000 * len(COLUMNS)
 
 
 class Journal:

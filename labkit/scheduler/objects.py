@@ -8,7 +8,7 @@ from typing import Any
 
 FOREVER = 1 << 62  #: a time, in ticks or cycles, that never comes
 
-READY, BLOCKED, SUSPENDED, DELETED = range(4)  #: states, in the order of `labkit.trace.kinds.STATES`; the running task is READY
+READY, BLOCKED, SUSPENDED, DELETED = range(4)  #: in the order of `labkit.trace.kinds.STATES`; the running task is READY
 
 
 class Task:
@@ -26,12 +26,12 @@ class Task:
     """
 
     __slots__ = (
-        "name", "code", "number", "created", "stack_free", "deadline", "base", "priority", "key", "state", "remaining", "body", "result",
-        "pending", "alarm", "waits_for", "waits_in", "held", "inherited", "notified", "awaits_notification", "last_wake",
-        "computed", "job", "released", "next_release",
+        "name", "code", "number", "created", "stack_free", "deadline", "base", "priority", "key", "state", "remaining", "body",
+        "result", "pending", "alarm", "waits_for", "waits_in", "held", "inherited", "notified", "awaits_notification",
+        "last_wake", "computed", "job", "released", "next_release",
     )  # fmt: skip
 
-    def __init__(self, name: str, code: int, number: int, priority: int, deadline: int | None = None, stack_free: int | None = None):
+    def __init__(self, name: str, code: int, number: int, priority: int, deadline: int | None, stack_free: int | None):
         self.name, self.code, self.number = name, code, number
         self.deadline, self.stack_free = deadline, stack_free
         self.created = self.base = self.priority = self.key = priority

@@ -13,7 +13,7 @@ from labkit.scheduler.objects import Mutex, Semaphore, Task, enqueue
 from labkit.trace.kinds import CODE
 
 if TYPE_CHECKING:
-    from labkit.scheduler.kernel import Kernel
+    from labkit.scheduler.core import Core
 
 INHERIT, DISINHERIT, DISINHERIT_TIMEOUT = CODE["inherit"], CODE["disinherit"], CODE["disinherit_timeout"]
 
@@ -21,15 +21,17 @@ INHERIT, DISINHERIT, DISINHERIT_TIMEOUT = CODE["inherit"], CODE["disinherit"], C
 class Unowned:
     """Semaphores and queues: nobody owns them, no priority changes."""
 
-    def taken(self, k: Kernel, task: Task, lock: Semaphore) -> None: ...
+    family = "none"
 
-    def waits(self, k: Kernel, task: Task, lock: Semaphore) -> None: ...
+    def taken(self, k: Core, task: Task, lock: Semaphore) -> None: ...
 
-    def left(self, k: Kernel, task: Task, lock: Semaphore) -> None: ...
+    def waits(self, k: Core, task: Task, lock: Semaphore) -> None: ...
 
-    def timed_out(self, k: Kernel, task: Task, lock: Semaphore) -> None: ...
+    def left(self, k: Core, task: Task, lock: Semaphore) -> None: ...
 
-    def give(self, k: Kernel, task: Task, lock: Semaphore) -> bool:
+    def timed_out(self, k: Core, task: Task, lock: Semaphore) -> None: ...
+
+    def give(self, k: Core, task: Task, lock: Semaphore) -> bool:
         lock.count += 1
         return bool(lock.waiters) and k.wake(lock.waiters)
 
@@ -37,10 +39,10 @@ class Unowned:
 class Owned(Unowned):
     """Protocol "none": a mutex with an owner, and priority inversion of any length."""
 
-    def taken(self, k: Kernel, task: Task, lock: Mutex) -> None:
+    def taken(self, k: Core, task: Task, lock: Mutex) -> None:
         lock.holder = task
 
-    def give(self, k: Kernel, task: Task, lock: Mutex) -> bool:
+    def give(self, k: Core, task: Task, lock: Mutex) -> bool:
         lock.holder = None
         return super().give(k, task, lock)
 
@@ -48,11 +50,13 @@ class Owned(Unowned):
 class FreeRTOS(Unowned):
     """Protocol "freertos": only the direct holder inherits, and keeps it until it holds no mutex at all (rules 14 to 18)."""
 
-    def taken(self, k: Kernel, task: Task, lock: Mutex) -> None:
+    family = "freertos"
+
+    def taken(self, k: Core, task: Task, lock: Mutex) -> None:
         lock.holder = task
         task.held.append(lock)
 
-    def waits(self, k: Kernel, task: Task, lock: Mutex) -> None:
+    def waits(self, k: Core, task: Task, lock: Mutex) -> None:
         holder = lock.holder
         task.inherited = holder.base < task.priority
         if holder.priority < task.priority:
@@ -60,7 +64,7 @@ class FreeRTOS(Unowned):
             k.change_priority(holder, task.priority)
             k.log((k.now, INHERIT, holder.code, task.code, task.priority, holder.base))
 
-    def timed_out(self, k: Kernel, task: Task, lock: Mutex) -> None:
+    def timed_out(self, k: Core, task: Task, lock: Mutex) -> None:
         holder = lock.holder
         if not task.inherited or holder is None or len(holder.held) != 1:
             return
@@ -70,7 +74,7 @@ class FreeRTOS(Unowned):
             holder.key = fallback
             k.change_priority(holder, fallback)
 
-    def give(self, k: Kernel, task: Task, lock: Mutex) -> bool:
+    def give(self, k: Core, task: Task, lock: Mutex) -> bool:
         lock.holder = None
         task.held.remove(lock)
         drops = not task.held and task.priority != task.base
@@ -92,7 +96,9 @@ class Textbook(Unowned):
     leaves the CPU whenever a higher task is ready.
     """
 
-    def taken(self, k: Kernel, task: Task, lock: Mutex) -> None:
+    family = "textbook"
+
+    def taken(self, k: Core, task: Task, lock: Mutex) -> None:
         if lock.ceiling and task.base > lock.ceiling:
             raise ValueError(
                 f"task {task.name!r} of priority {task.base} takes mutex {lock.name!r}, whose ceiling is {lock.ceiling}; "
@@ -102,13 +108,13 @@ class Textbook(Unowned):
         task.held.append(lock)
         settle(k, task, None, lock)
 
-    def waits(self, k: Kernel, task: Task, lock: Mutex) -> None:
+    def waits(self, k: Core, task: Task, lock: Mutex) -> None:
         settle(k, lock.holder, task, lock)
 
-    def left(self, k: Kernel, task: Task, lock: Mutex) -> None:
+    def left(self, k: Core, task: Task, lock: Mutex) -> None:
         settle(k, lock.holder, task, lock, DISINHERIT_TIMEOUT)
 
-    def give(self, k: Kernel, task: Task, lock: Mutex) -> bool:
+    def give(self, k: Core, task: Task, lock: Mutex) -> bool:
         lock.holder = None
         task.held.remove(lock)
         settle(k, task, None, lock)
@@ -118,7 +124,7 @@ class Textbook(Unowned):
         return k.ready.highest() > task.priority
 
 
-def settle(k: Kernel, task: Task | None, cause: Task | None, lock: Mutex | None, lowered: int = DISINHERIT) -> None:
+def settle(k: Core, task: Task | None, cause: Task | None, lock: Mutex | None, lowered: int = DISINHERIT) -> None:
     """Give a task the priority that the textbook's rule asks for, and so on along the chain of those whom it waits for."""
     by, at = cause.code if cause else -1, lock.code if lock else -1
     while task is not None:

@@ -66,10 +66,11 @@ class TaskList:
     tasks: tuple[TaskState, ...]
 
     def __str__(self) -> str:
-        return "\n".join(
-            f"{task.name:<{NAME_WIDTH}}\t{task.state}\t{task.priority}\t{'-' if task.stack_free is None else task.stack_free}\t{task.number}"
-            for task in self.tasks
-        )
+        lines = []
+        for task in self.tasks:
+            stack = "-" if task.stack_free is None else task.stack_free
+            lines.append(f"{task.name:<{NAME_WIDTH}}\t{task.state}\t{task.priority}\t{stack}\t{task.number}")
+        return "\n".join(lines)
 
 
 def runtime_stats(run: Run, window: tuple[int, int] | None = None) -> RuntimeStats:

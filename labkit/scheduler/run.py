@@ -11,7 +11,7 @@ from labkit.trace import Trace
 
 @dataclass(frozen=True)
 class TaskInfo:
-    """A task as it was created: number from 1 in order of creation, base priority, relative deadline in cycles, stack words free."""
+    """A task as created: number from 1 in order of creation, base priority, relative deadline in cycles, free stack words."""
 
     name: str
     number: int
@@ -40,8 +40,8 @@ class Run:
         trace: all events from 0 to the end, in CPU cycles.
         tasks: the tasks in order of creation, the idle task last.
         tick: CPU cycles per tick.
-        deadlock: the waits without time-out that can never end: those around a circle of mutexes; or, if there is no circle but
-            every task that has not ended waits for ever and no interrupt is due, all of them. Empty if there is neither.
+        deadlock: waits without time-out that cannot end: those around a circle of mutexes, or up to a mutex whose holder has
+            ended; failing that, all of them if every task that has not ended waits for ever and no interrupt is due.
     """
 
     trace: Trace
@@ -51,24 +51,25 @@ class Run:
 
 
 def find_deadlock(tasks: Iterable[Task], interrupts_due: bool) -> tuple[Wait, ...]:
-    """The waits of a deadlock, see `Run.deadlock`; of several circles the first in order of creation."""
+    """The waits of a deadlock, see `Run.deadlock`; of several, the one that the task created first is in."""
     alive = [task for task in tasks if task.state != DELETED]
     stuck = [task for task in alive if task.state == BLOCKED and not task.alarm]
     for task in stuck:
-        circle = [task]
-        while (holder := getattr(circle[-1].waits_for, "holder", None)) in stuck and holder not in circle:
-            circle.append(holder)
-        if holder is task:
-            return tuple(wait_of(each) for each in circle)
+        chain = [task]
+        while (holder := getattr(chain[-1].waits_for, "holder", None)) in stuck and holder not in chain:
+            chain.append(holder)
+        if holder is task or (holder is not None and holder.state == DELETED):
+            return tuple(wait_of(each) for each in chain)
     if stuck and len(stuck) == len(alive) and not interrupts_due:
         return tuple(wait_of(each) for each in stuck)
     return ()
 
 
 def wait_of(task: Task) -> Wait:
+    """What a blocked task waits for, by name."""
     target = task.waits_for
     if target is None:
         return Wait(task.name, "a notification")
-    holder = target.holder if hasattr(target, "holder") else None
+    holder = getattr(target, "holder", None)
     return Wait(task.name, target.name, holder.name if holder else None)
 

@@ -15,7 +15,7 @@ from typing import Any, TextIO
 from labkit.scheduler.kernel import Kernel
 from labkit.scheduler.objects import FOREVER
 from labkit.scheduler.run import Run
-from labkit.scheduler.services import Services
+from labkit.scheduler.requests import Services
 from labkit.trace.folds import runs
 from labkit.trace.kinds import ISR_OPS, KINDS, STATES
 
@@ -156,11 +156,12 @@ def _task(entry: Mapping[str, Any], known: Mapping[str, Any], priorities: int) -
             raise ValueError(f"{where}: unknown step {step!r}; there are {', '.join(STEPS)}")
         words = STEPS[step[0]]
         if len(step) != 1 + len(words):
-            raise ValueError(f"{where}: {step[0]} has {len(step) - 1} arguments; it takes {len(words)}: {', '.join(words) or 'none'}")
+            raise ValueError(f"{where}: {step[0]} has {len(step) - 1} arguments; it takes {len(words)}: {', '.join(words)}")
         limits = {"skip": len(program) - 1 - at, "priority": priorities - 1}
-        arguments = [_argument(value, word, f"{where}: {step[0]}", known, limits) for value, word in zip(step[1:], words, strict=True)]
-        if step[0] == "overwrite" and known[arguments[0]].length != 1:
-            raise ValueError(f"{where}: overwrite on queue {arguments[0]!r} of length {known[arguments[0]].length}; only length 1 is allowed")
+        where = f"{where}: {step[0]}"
+        arguments = [_argument(value, word, where, known, limits) for value, word in zip(step[1:], words, strict=True)]
+        if step[0] == "overwrite" and (length := known[arguments[0]].length) != 1:
+            raise ValueError(f"{where} on queue {arguments[0]!r} of length {length}; only length 1 is allowed")
         skip = arguments.pop() if words and words[-1] == "skip" else 0
         steps.append((step[0], tuple(arguments), skip))
     priority = _integer(entry.get("priority"), f"task {name!r}: priority", 1, priorities - 1)
@@ -190,7 +191,8 @@ def _argument(value: Any, word: str, where: str, known: Mapping[str, Any], limit
         case "priority":
             return _integer(value, f"{where}: priority", 1, limits["priority"])
         case "item":
-            return value if value in ("seq", "last") else _integer(value, f"{where}: item (or 'seq' or 'last')", -FOREVER, FOREVER)
+            named = isinstance(value, str) and value in ("seq", "last")
+            return value if named else _integer(value, f"{where}: item (or 'seq' or 'last')", -FOREVER, FOREVER)
         case "clear":
             if value not in ("clear", "decrement"):
                 raise ValueError(f"{where}: {value!r} is not allowed; 'clear' or 'decrement' is")
@@ -234,18 +236,19 @@ def _integer(value: Any, what: str, least: int, most: int) -> int:
 
 
 def replay(scenario: Scenario, protocol: str = "freertos") -> Run:
-    """Run a scenario to its end tick, with the inheritance protocol of all its mutexes ("ceiling" is not offered).
+    """Run a scenario to its end tick, under one protocol for all its mutexes; ceilings are those of the tasks that use them.
 
     Errors: ValueError as from `Kernel.run`.
     """
     k = Kernel(cpu_hz=1000, tick_hz=1000, priorities=scenario.priorities, time_slicing=scenario.time_slicing)
     handles: dict[str | None, Any] = {None: None}
     for each in scenario.objects:
+        ceiling = {"ceiling": 1, "users": _users(scenario, each.name)} if protocol == "ceiling" else {}
         match each.kind:
             case "mutex":
-                handles[each.name] = k.mutex(each.name, protocol)
+                handles[each.name] = k.mutex(each.name, protocol, **ceiling)
             case "recursive":
-                handles[each.name] = k.recursive_mutex(each.name, protocol)
+                handles[each.name] = k.recursive_mutex(each.name, protocol, **ceiling)
             case "queue":
                 handles[each.name] = k.queue(each.name, each.length)
             case _:
@@ -255,6 +258,10 @@ def replay(scenario: Scenario, protocol: str = "freertos") -> Run:
     for each in scenario.interrupts:
         k.interrupt(each.tick, _handler(each, handles))
     return k.run(scenario.end_tick)
+
+
+def _users(scenario: Scenario, name: str) -> list[str]:
+    return [task.name for task in scenario.tasks if any(name in arguments for _, arguments, _ in task.program)]
 
 
 def _handler(spec: InterruptSpec, handles: Mapping[str | None, Any]) -> Callable[[Any], Any]:

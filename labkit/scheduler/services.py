@@ -1,23 +1,20 @@
-"""The kernel's services: what a task asks for by `yield os.take(lock)`, and what happens then.
+"""The kernel's services: what happens when a task has said `yield os.take(lock)`.
 
-A request is a pair (service, arguments), or an integer: CPU cycles. A service is a function of the kernel, the calling task and the
-arguments; it leaves the answer in `task.result`. A service that has to wait leaves itself in `task.pending` and is tried again when
-the task next runs (rule 9: no hand-off). Rule numbers are those of tests/oracle/freertos/README.md.
+A service is a function of the core, the calling task and its arguments; it leaves the answer in `task.result`. One that has to
+wait leaves itself in `task.pending` and is tried again when the task next runs: there is no hand-off (rule 9). Rule numbers are
+those of tests/oracle/freertos/README.md.
 """
 
 from __future__ import annotations
 
-from operator import index
 from typing import TYPE_CHECKING, Any
 
-from labkit.scheduler.objects import FOREVER, SUSPENDED, Mutex, Queue, Semaphore, Task
+from labkit.scheduler.objects import DELETED, FOREVER, SUSPENDED, Mutex, Queue, Semaphore, Task
 from labkit.scheduler.protocols import settle
 from labkit.trace.kinds import CODE
 
 if TYPE_CHECKING:
-    from labkit.scheduler.kernel import Kernel
-
-Request = tuple | int
+    from labkit.scheduler.core import Core
 
 TAKE, TAKE_BLOCK, TAKE_FAIL = CODE["take"], CODE["take_block"], CODE["take_fail"]
 GIVE, GIVE_FAIL, OVERWRITE = CODE["give"], CODE["give_fail"], CODE["overwrite"]
@@ -26,14 +23,14 @@ RECV, RECV_BLOCK, RECV_FAIL = CODE["recv"], CODE["recv_block"], CODE["recv_fail"
 PEEK, PEEK_BLOCK, PEEK_FAIL = CODE["peek"], CODE["peek_block"], CODE["peek_fail"]
 NOTIFY, NOTIFY_TAKE, NOTIFY_TAKE_BLOCK = CODE["notify"], CODE["notify_take"], CODE["notify_take_block"]
 DELAY, DELAY_UNTIL, YIELD = CODE["delay"], CODE["delay_until"], CODE["yield"]
-SUSPEND, RESUME, PRIO_SET = CODE["suspend"], CODE["resume"], CODE["prio_set"]
+SUSPEND, RESUME, PRIO_SET, DONE = CODE["suspend"], CODE["resume"], CODE["prio_set"], CODE["done"]
 RELEASE, COMPLETE, BEGIN, END, MARK = CODE["release"], CODE["complete"], CODE["begin"], CODE["end"], CODE["mark"]
 
 
 # Semaphores and mutexes
 
 
-def take(k: Kernel, task: Task, lock: Semaphore | Mutex, timeout: int | None) -> None:
+def take(k: Core, task: Task, lock: Semaphore | Mutex, timeout: int | None) -> None:
     task.inherited = False
     if lock.recursive and lock.holder is task:
         lock.depth += 1  # rule 19
@@ -42,7 +39,7 @@ def take(k: Kernel, task: Task, lock: Semaphore | Mutex, timeout: int | None) ->
         _take(k, task, lock, _deadline(k, timeout))
 
 
-def _take(k: Kernel, task: Task, lock: Semaphore | Mutex, deadline: int) -> None:
+def _take(k: Core, task: Task, lock: Semaphore | Mutex, deadline: int) -> None:
     count = lock.count
     if count:
         k.log((k.now, TAKE, task.code, lock.code, count, 0))
@@ -58,7 +55,7 @@ def _take(k: Kernel, task: Task, lock: Semaphore | Mutex, deadline: int) -> None
         k.block(task, deadline, (_take, (lock, deadline)), lock, lock.waiters)
 
 
-def give(k: Kernel, task: Task, lock: Semaphore | Mutex) -> None:
+def give(k: Core, task: Task, lock: Semaphore | Mutex) -> None:
     task.result = True
     if isinstance(lock, Mutex):
         if lock.holder is not task:
@@ -79,15 +76,15 @@ def give(k: Kernel, task: Task, lock: Semaphore | Mutex) -> None:
 # Queues
 
 
-def send(k: Kernel, task: Task, queue: Queue, item: Any, timeout: int | None, kind: int = SEND) -> None:
+def send(k: Core, task: Task, queue: Queue, item: Any, timeout: int | None, kind: int = SEND) -> None:
     _send(k, task, queue, item, _deadline(k, timeout), kind)
 
 
-def send_front(k: Kernel, task: Task, queue: Queue, item: Any, timeout: int | None) -> None:
+def send_front(k: Core, task: Task, queue: Queue, item: Any, timeout: int | None) -> None:
     send(k, task, queue, item, timeout, SEND_FRONT)
 
 
-def _send(k: Kernel, task: Task, queue: Queue, item: Any, deadline: int, kind: int) -> None:
+def _send(k: Core, task: Task, queue: Queue, item: Any, deadline: int, kind: int) -> None:
     count = len(queue.items)
     if count < queue.length:
         k.log((k.now, kind, task.code, queue.code, count, stamp(item)))
@@ -106,7 +103,7 @@ def _send(k: Kernel, task: Task, queue: Queue, item: Any, deadline: int, kind: i
         k.block(task, deadline, (_send, (queue, item, deadline, kind)), queue, queue.senders)
 
 
-def overwrite(k: Kernel, task: Task, queue: Queue, item: Any) -> None:
+def overwrite(k: Core, task: Task, queue: Queue, item: Any) -> None:
     k.log((k.now, OVERWRITE, task.code, queue.code, len(queue.items), stamp(item)))
     queue.items.clear()
     queue.items.append(item)
@@ -115,11 +112,11 @@ def overwrite(k: Kernel, task: Task, queue: Queue, item: Any) -> None:
         k.reschedule()
 
 
-def receive(k: Kernel, task: Task, queue: Queue, timeout: int | None) -> None:
+def receive(k: Core, task: Task, queue: Queue, timeout: int | None) -> None:
     _receive(k, task, queue, _deadline(k, timeout))
 
 
-def _receive(k: Kernel, task: Task, queue: Queue, deadline: int) -> None:
+def _receive(k: Core, task: Task, queue: Queue, deadline: int) -> None:
     if queue.items:
         item = queue.items.popleft()
         k.log((k.now, RECV, task.code, queue.code, len(queue.items) + 1, stamp(item)))
@@ -130,11 +127,11 @@ def _receive(k: Kernel, task: Task, queue: Queue, deadline: int) -> None:
         _no_item(k, task, queue, deadline, _receive, RECV_FAIL, RECV_BLOCK)
 
 
-def peek(k: Kernel, task: Task, queue: Queue, timeout: int | None) -> None:
+def peek(k: Core, task: Task, queue: Queue, timeout: int | None) -> None:
     _peek(k, task, queue, _deadline(k, timeout))
 
 
-def _peek(k: Kernel, task: Task, queue: Queue, deadline: int) -> None:
+def _peek(k: Core, task: Task, queue: Queue, deadline: int) -> None:
     if queue.items:
         item = queue.items[0]
         k.log((k.now, PEEK, task.code, queue.code, len(queue.items), stamp(item)))
@@ -145,7 +142,7 @@ def _peek(k: Kernel, task: Task, queue: Queue, deadline: int) -> None:
         _no_item(k, task, queue, deadline, _peek, PEEK_FAIL, PEEK_BLOCK)
 
 
-def _no_item(k: Kernel, task: Task, queue: Queue, deadline: int, retry: Any, fails: int, blocks: int) -> None:
+def _no_item(k: Core, task: Task, queue: Queue, deadline: int, retry: Any, fails: int, blocks: int) -> None:
     if k.ticks >= deadline:
         k.log((k.now, fails, task.code, queue.code, 0, 0))
         task.result = None
@@ -157,14 +154,14 @@ def _no_item(k: Kernel, task: Task, queue: Queue, deadline: int, retry: Any, fai
 # Notifications (rule 26)
 
 
-def notify_give(k: Kernel, task: Task, target: Task) -> None:
+def notify_give(k: Core, task: Task, target: Task) -> None:
     task.result = None
     if notify(k, task.code, target):
         k.reschedule()
 
 
-def notify(k: Kernel, by: int, target: Task) -> bool:
-    """Count up; wake the target if it waits in notify_take, or timed out there and has not run yet. True if it is above the caller."""
+def notify(k: Core, by: int, target: Task) -> bool:
+    """Count up; wake the target if it waits in notify_take, or timed out there and has not run. True: it is above the caller."""
     target.notified += 1
     k.log((k.now, NOTIFY, by, target.code, target.notified, 0))
     if not target.awaits_notification:
@@ -173,7 +170,7 @@ def notify(k: Kernel, by: int, target: Task) -> bool:
     return k.make_ready(target)
 
 
-def notify_take(k: Kernel, task: Task, clear: bool, timeout: int | None) -> None:
+def notify_take(k: Core, task: Task, clear: bool, timeout: int | None) -> None:
     if task.notified or timeout == 0:
         _notify_take(k, task, clear)
     else:
@@ -182,7 +179,7 @@ def notify_take(k: Kernel, task: Task, clear: bool, timeout: int | None) -> None
         k.sleep(task, _deadline(k, timeout), (_notify_take, (clear,)))
 
 
-def _notify_take(k: Kernel, task: Task, clear: bool) -> None:
+def _notify_take(k: Core, task: Task, clear: bool) -> None:
     count = task.result = task.notified
     task.awaits_notification = False
     if count:
@@ -193,7 +190,7 @@ def _notify_take(k: Kernel, task: Task, clear: bool) -> None:
 # Time
 
 
-def delay(k: Kernel, task: Task, ticks: int) -> None:
+def delay(k: Core, task: Task, ticks: int) -> None:
     wake = k.ticks + ticks
     task.result = None
     k.log((k.now, DELAY, task.code, -1, wake * k.tick, 0))
@@ -203,7 +200,7 @@ def delay(k: Kernel, task: Task, ticks: int) -> None:
         k.reschedule()  # rule 8
 
 
-def delay_until(k: Kernel, task: Task, period: int) -> None:
+def delay_until(k: Core, task: Task, period: int) -> None:
     """Rule 25. Each call ends a job and releases the next one; the nominal release is the wake time, even if that has passed."""
     if task.job < 0 and task.computed and task.released < 0:
         release(k, task, 0)  # the body began with a job instead of waiting for its first release: that job was released at 0
@@ -222,7 +219,7 @@ def delay_until(k: Kernel, task: Task, period: int) -> None:
         k.reschedule()
 
 
-def yield_cpu(k: Kernel, task: Task) -> None:
+def yield_cpu(k: Core, task: Task) -> None:
     task.result = None
     k.log((k.now, YIELD, task.code, -1, 0, 0))
     k.reschedule()
@@ -231,7 +228,7 @@ def yield_cpu(k: Kernel, task: Task) -> None:
 # Tasks
 
 
-def suspend(k: Kernel, task: Task, target: Task | None) -> None:
+def suspend(k: Core, task: Task, target: Task | None) -> None:
     target = target or task
     task.result = None
     k.log((k.now, SUSPEND, task.code, target.code, 0, 0))
@@ -240,13 +237,13 @@ def suspend(k: Kernel, task: Task, target: Task | None) -> None:
         k.reschedule()
 
 
-def resume(k: Kernel, task: Task, target: Task) -> None:
+def resume(k: Core, task: Task, target: Task) -> None:
     task.result = None
     if resumed(k, task.code, target):
         k.reschedule()
 
 
-def resumed(k: Kernel, by: int, target: Task) -> bool:
+def resumed(k: Core, by: int, target: Task) -> bool:
     """Rules 23 and 24. True if the target was suspended and is above the running task."""
     if target.state != SUSPENDED:
         return False
@@ -256,7 +253,7 @@ def resumed(k: Kernel, by: int, target: Task) -> bool:
     return k.make_ready(target)
 
 
-def set_priority(k: Kernel, task: Task, target: Task | None, priority: int) -> None:
+def set_priority(k: Core, task: Task, target: Task | None, priority: int) -> None:
     """Rules 20 to 22."""
     target = target or task
     base, current = target.base, target.priority
@@ -278,10 +275,19 @@ def set_priority(k: Kernel, task: Task, target: Task | None, priority: int) -> N
         k.reschedule()
 
 
+def end_task(k: Core, task: Task) -> None:
+    """The body has returned: the task is deleted, and its last job is complete."""
+    complete(k, task)
+    k.log((k.now, DONE, task.code, -1, 0, 0))
+    task.state = DELETED
+    k.ready.remove(task)
+    k.reschedule()
+
+
 # Jobs, scopes and marks: rows in the trace that take no time
 
 
-def release(k: Kernel, task: Task, nominal: int) -> None:
+def release(k: Core, task: Task, nominal: int) -> None:
     """A job begins: its response time counts from `nominal`, in cycles."""
     task.next_release = -1
     task.job += 1
@@ -289,7 +295,7 @@ def release(k: Kernel, task: Task, nominal: int) -> None:
     k.log((k.now, RELEASE, task.code, -1, nominal, task.job))
 
 
-def complete(k: Kernel, task: Task) -> None:
+def complete(k: Core, task: Task) -> None:
     """The open job, if there is one, is done."""
     if task.released >= 0:
         deadline = -1 if task.deadline is None else task.released + task.deadline
@@ -297,15 +303,15 @@ def complete(k: Kernel, task: Task) -> None:
         task.released = -1
 
 
-def begin(k: Kernel, task: Task, scope: str) -> None:
+def begin(k: Core, task: Task, scope: str) -> None:
     k.log((k.now, BEGIN, k.code_of(scope), task.code, 0, 0))
 
 
-def end(k: Kernel, task: Task, scope: str) -> None:
+def end(k: Core, task: Task, scope: str) -> None:
     k.log((k.now, END, k.code_of(scope), task.code, 0, 0))
 
 
-def mark(k: Kernel, task: Task, value: int, extra: int) -> None:
+def mark(k: Core, task: Task, value: int, extra: int) -> None:
     k.log((k.now, MARK, task.code, -1, value, extra))
 
 
@@ -314,144 +320,5 @@ def stamp(item: Any) -> int:
     return item if isinstance(item, int) and -FOREVER < item < FOREVER else 0
 
 
-def _deadline(k: Kernel, timeout: int | None) -> int:
+def _deadline(k: Core, timeout: int | None) -> int:
     return FOREVER if timeout is None else k.ticks + timeout
-
-
-class Services:
-    """What a task body sees as `os`: each method makes a request to be yielded, `answer = yield os.take(lock)`.
-
-    Time-outs, delays and periods are in ticks; a time-out of None waits for ever, 0 does not wait. CPU time is in cycles;
-    `os.us`, `os.ms` and `os.tick` are the cycles in a microsecond, a millisecond and a tick.
-    """
-
-    def __init__(self, kernel: Kernel):
-        self._kernel = kernel
-        self.tick = kernel.tick
-
-    @property
-    def ms(self) -> int:
-        return self._kernel.ms
-
-    @property
-    def us(self) -> int:
-        return self._kernel.us
-
-    @property
-    def now(self) -> int:
-        """CPU cycles since the start."""
-        return self._kernel.now
-
-    compute = staticmethod(index)  #: use this many CPU cycles; the request is the integer itself
-
-    def take(self, lock: Semaphore | Mutex, timeout: int | None = None) -> Request:
-        """Take a semaphore or mutex: True, or False after the time-out."""
-        return take, (_lock(lock), _timeout(timeout))
-
-    def give(self, lock: Semaphore | Mutex) -> Request:
-        """Give a semaphore (False if it is full) or a mutex that the task holds."""
-        return give, (_lock(lock),)
-
-    def send(self, queue: Queue, item: Any, timeout: int | None = None) -> Request:
-        """Append an item: True, or False if there was no room until the time-out."""
-        return send, (_queue(queue), item, _timeout(timeout))
-
-    def send_front(self, queue: Queue, item: Any, timeout: int | None = None) -> Request:
-        """Put an item where it is received next: True, or False if there was no room until the time-out."""
-        return send_front, (_queue(queue), item, _timeout(timeout))
-
-    def overwrite(self, queue: Queue, item: Any) -> Request:
-        """Replace the item of a queue of length 1 (a mailbox); never fails."""
-        if _queue(queue).length != 1:
-            raise ValueError(f"overwrite on queue {queue.name!r} of length {queue.length}; only a queue of length 1 can be overwritten")
-        return overwrite, (queue, item)
-
-    def receive(self, queue: Queue, timeout: int | None = None) -> Request:
-        """Remove and return the first item; None after the time-out."""
-        return receive, (_queue(queue), _timeout(timeout))
-
-    def peek(self, queue: Queue, timeout: int | None = None) -> Request:
-        """Return the first item and leave it there; None after the time-out."""
-        return peek, (_queue(queue), _timeout(timeout))
-
-    def notify_give(self, task: Task) -> Request:
-        """Count up a task's notifications and wake it if it waits for one."""
-        return notify_give, (_task(task),)
-
-    def notify_take(self, clear: bool = True, timeout: int | None = None) -> Request:
-        """Return the caller's count of notifications, then clear it or count it down; 0 after the time-out."""
-        return notify_take, (clear, _timeout(timeout))
-
-    def delay(self, ticks: int) -> Request:
-        """Sleep; counted from the call, so periods built from it drift. 0 yields."""
-        return delay, (_ticks(ticks, 0, "delay"),)
-
-    def delay_until(self, period: int) -> Request:
-        """Sleep until the previous wake time plus `period` (the first counts from 0); a late call only yields. Ends the job."""
-        if type(period) is not int or period < 1:
-            _ticks(period, 1, "delay_until")
-        return delay_until, (period,)
-
-    def yield_cpu(self) -> Request:
-        """Let the next task of the same priority run."""
-        return yield_cpu, ()
-
-    def suspend(self, task: Task | None = None) -> Request:
-        """Suspend a task (None: the caller) until it is resumed; ends whatever it waits for."""
-        return suspend, (task and _task(task),)
-
-    def resume(self, task: Task) -> Request:
-        """Make a suspended task ready; no effect on any other."""
-        return resume, (_task(task),)
-
-    def set_priority(self, task: Task | None, priority: int) -> Request:
-        """Set the base priority of a task (None: the caller)."""
-        return set_priority, (task and _task(task), self._kernel.checked_priority(priority, "set_priority"))
-
-    def release(self) -> Request:
-        """Begin a job by hand, released now. Tasks that call delay_until need not."""
-        return release, (self._kernel.now,)
-
-    def complete(self) -> Request:
-        """End the open job by hand."""
-        return complete, ()
-
-    def begin(self, scope: str) -> Request:
-        """Enter a named scope, for the trace only."""
-        return begin, (scope,)
-
-    def end(self, scope: str) -> Request:
-        """Leave a named scope."""
-        return end, (scope,)
-
-    def mark(self, value: int = 0, extra: int = 0) -> Request:
-        """Leave a mark with two free integers in the trace."""
-        return mark, (value, extra)
-
-
-def _lock(lock: Any) -> Semaphore | Mutex:
-    if not isinstance(lock, Semaphore | Mutex):
-        raise ValueError(f"{lock!r} is no semaphore or mutex")
-    return lock
-
-
-def _queue(queue: Any) -> Queue:
-    if not isinstance(queue, Queue):
-        raise ValueError(f"{queue!r} is no queue")
-    return queue
-
-
-def _task(task: Any) -> Task:
-    if not isinstance(task, Task):
-        raise ValueError(f"{task!r} is no task")
-    return task
-
-
-def _timeout(timeout: Any) -> int | None:
-    return None if timeout is None else _ticks(timeout, 0, "a time-out")
-
-
-def _ticks(ticks: Any, least: int, what: str) -> int:
-    if not isinstance(ticks, int) or ticks < least:
-        raise ValueError(f"{what} of {ticks!r} ticks; a whole number of at least {least} is allowed")
-    return ticks

@@ -1,7 +1,7 @@
 """Folds over a kernel's trace: who ran, who held, who waited, at which priority, from when to when.
 
-Each returns an int64 array of shape (n, m), one row per interval, in order of start; an interval still open at the end of the trace
-is cut there. Tasks, locks and queues are indices into `Trace.names`.
+Each returns an int64 array of shape (n, m), one row per interval, in order of start; an interval still open at the end of the
+trace is cut there. Tasks, locks and queues are indices into `Trace.names`.
 """
 
 from __future__ import annotations

@@ -26,7 +26,8 @@ def test_runs_are_cut_at_the_end_and_joined_when_no_time_passed_in_between():
 
 
 def test_kernel_time_is_in_no_run():
-    t = trace((0, "switch", A), (5, "overhead", A, -1, 2), (20, "overhead", A, -1, 3, 1), (23, "switch", B, A), (48, "overhead", B, -1, 5))
+    first, second, last = (5, "overhead", A, -1, 2), (20, "overhead", A, -1, 3, 1), (48, "overhead", B, -1, 5)
+    t = trace((0, "switch", A), first, second, (23, "switch", B, A), last)
     assert runs(t).tolist() == [[A, 0, 5], [A, 7, 20], [B, 23, 48]]
     assert overheads(t).tolist() == [[0, 5, 7], [1, 20, 23], [0, 48, 50]]
 
@@ -47,12 +48,15 @@ def test_a_semaphore_given_by_another_is_held_by_nobody():
 
 
 def test_a_wait_ends_when_the_task_is_ready_or_suspended():
-    t = trace((1, "take_block", A, LOCK), (5, "ready", A), (6, "recv_block", A, LOCK), (8, "suspend", B, A), (9, "notify_take_block", B))
+    woken = (1, "take_block", A, LOCK), (5, "ready", A)
+    suspended = (6, "recv_block", A, LOCK), (8, "suspend", B, A)
+    t = trace(*woken, *suspended, (9, "notify_take_block", B))
     assert waits(t).tolist() == [[A, LOCK, 1, 5], [A, LOCK, 6, 8], [B, -1, 9, 50]]
 
 
 def test_priorities_step_at_inheritance_and_end_with_the_task():
-    t = trace((0, "create", A, -1, 1), (0, "create", B, -1, 2), (10, "inherit", A, B, 2), (20, "disinherit", A, LOCK, 1), (30, "done", A))
+    created = (0, "create", A, -1, 1), (0, "create", B, -1, 2)
+    t = trace(*created, (10, "inherit", A, B, 2), (20, "disinherit", A, LOCK, 1), (30, "done", A))
     assert priorities(t).tolist() == [[A, 0, 10, 1], [B, 0, 50, 2], [A, 10, 20, 2], [A, 20, 30, 1]]
 
 

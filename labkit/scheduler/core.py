@@ -1,0 +1,272 @@
+"""The engine: time, interrupts, and the states of tasks. Services, protocols and interrupt handlers act on it.
+
+Rule numbers are those of tests/oracle/freertos/README.md.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from heapq import heappop, heappush
+from typing import TYPE_CHECKING, Any
+
+from labkit.scheduler.costs import Costs
+from labkit.scheduler.journal import PAGE, Journal
+from labkit.scheduler.objects import BLOCKED, DELETED, FOREVER, READY, SUSPENDED, ReadyLists, Task, enqueue
+from labkit.scheduler.services import end_task, release
+from labkit.trace.kinds import CODE, OVERHEADS
+
+if TYPE_CHECKING:
+    from labkit.scheduler.interrupts import Interrupt
+    from labkit.scheduler.objects import Mutex, Queue, Semaphore
+
+    Handler = Callable[[Interrupt], Any]
+
+SWITCH, READIED, OVERHEAD = CODE["switch"], CODE["ready"], CODE["overhead"]
+TICK_COST, SWITCH_COST, SERVICE_COST, ISR_COST = range(len(OVERHEADS))
+
+#: Requests or interrupts in a row, without time passing, after which a program is taken to be caught in a loop.
+ZERO_TIME_LIMIT = 100_000
+
+END = (end_task, ())  # what a body asks for by returning
+
+
+class Core:
+    """The processor and what the kernel knows.
+
+    Attributes:
+        now: CPU cycles since the start. `tick`: cycles per tick. `ticks`: tick interrupts handled.
+        running: the task that has the CPU; it stays among the ready ones.
+        ready: the ready lists.
+        delayed: heap of (wake tick, alarm, task); an entry counts only as long as it is the task's alarm.
+        devices: heap of (cycle, order, handler, period or None), the interrupts to come.
+        switch_wanted: an interrupt has readied a task above the running one.
+        textbook: mutexes follow the textbook's protocols.
+        log: takes a row (time, kind, task, other, value, extra) of the trace.
+    """
+
+    __slots__ = (
+        "now", "tick", "ticks", "until", "running", "ready", "delayed", "devices", "switch_wanted", "textbook", "time_slicing",
+        "every_tick", "costs", "service_costs", "journal", "log", "codes", "isr", "_sequence",
+    )  # fmt: skip
+
+    def __init__(self, tick: int, priorities: int, costs: Costs, time_slicing: bool):
+        self.now, self.tick, self.ticks, self.until = 0, tick, 0, 0
+        self.running: Task | None = None
+        self.ready = ReadyLists(priorities)
+        self.delayed: list[tuple[int, int, Task]] = []
+        self.devices: list[tuple[int, int, Handler, int | None]] = []
+        self.switch_wanted = self.textbook = False
+        self.time_slicing = time_slicing
+        self.every_tick = costs.tick > 0  # else only those at which something can happen
+        self.costs = costs
+        self.service_costs = {name: cycles for name, cycles in costs.by_service.items() if cycles}
+        self.journal = Journal()
+        self.log = self.journal.log
+        self.codes: dict[str, int] = {}
+        self.isr: Interrupt | None = None
+        self._sequence = 0
+
+    def code_of(self, name: str) -> int:
+        """The code of a name in the trace; a new one if there is none yet."""
+        return self.codes.setdefault(name, len(self.codes))
+
+    def start(self, first: Task, isr: Interrupt) -> None:
+        """Give the CPU to the first task, without moving the index of its ready list (rule 2)."""
+        self.running, self.isr = first, isr
+        self.log((0, SWITCH, first.code, -1, first.priority, -1))
+
+    def simulate(self, until: int) -> None:
+        """First what takes no time, request by request; then time passes, to the end of a computation or the next interrupt."""
+        tick, devices, costs = self.tick, self.devices, self.service_costs
+        self.until = until
+        while (now := self.now) < until:
+            for _ in range(ZERO_TIME_LIMIT):
+                task = self.running
+                if task.remaining:
+                    break
+                if task.pending is not None:
+                    (service, arguments), task.pending = task.pending, None
+                    service(self, task, *arguments)
+                else:
+                    try:
+                        request = task.body.send(task.result)
+                    except StopIteration:
+                        request = END
+                    if type(request) is int and request >= 0:
+                        task.remaining, task.computed, task.result = request, True, None
+                    elif type(request) is tuple:
+                        service, arguments = request
+                        if costs:
+                            self._spend(costs.get(service.__name__, 0), SERVICE_COST)
+                        service(self, task, *arguments)
+                    else:
+                        raise ValueError(f"task {task.name!r} yielded {request!r}; requests and cycles from 0 on are allowed")
+                if self.now != now:
+                    break
+            else:
+                raise ValueError(
+                    f"task {task.name!r} is caught in a loop that takes no time: {ZERO_TIME_LIMIT} requests at cycle {now} "
+                    "without computing or blocking"
+                )
+            now, task = self.now, self.running
+            tick_due = self._tick_due()
+            due = devices[0][0] if devices and devices[0][0] < tick_due else tick_due
+            end = now + task.remaining
+            if end < due and end < until:
+                task.remaining = 0
+                self.now = end
+                self.ticks = end // tick  # the ticks passed over meant nothing
+            elif due < until:
+                if due > now:
+                    task.remaining = end - due
+                    self.now = due
+                self._handle_interrupts(tick_due)
+            else:
+                task.remaining = end - until
+                self.now = until
+
+    # Interrupts
+
+    def _tick_due(self) -> int:
+        """Cycle of the next tick at which anything can happen: a slice ends or a delayed task wakes."""
+        if self.every_tick or self.time_slicing and len(self.ready.rings[self.running.priority]) > 2:
+            return (self.ticks + 1) * self.tick
+        return self.delayed[0][0] * self.tick if self.delayed else FOREVER
+
+    def _handle_interrupts(self, tick_due: int) -> None:
+        """All interrupts that are due, the tick before the devices, and then at most one switch (rule 5)."""
+        while True:
+            before = self.now
+            if tick_due <= before:
+                self._tick(tick_due // self.tick)
+            else:
+                self.ticks = before // self.tick
+            self._handle_devices()
+            if self.now == before:
+                break
+            tick_due = self._tick_due()  # handling them took time: more may be due by now
+            if self.now >= self.until or tick_due > self.now and not (self.devices and self.devices[0][0] <= self.now):
+                break
+        self.ticks = self.now // self.tick
+        if self.switch_wanted:
+            self.reschedule()
+
+    def _tick(self, ticks: int) -> None:
+        """Wake the tasks that are due in the order of wake time, then of going to sleep; then test the slice (rules 3, 4)."""
+        self.ticks = ticks
+        if len(self.journal.rows) > PAGE:
+            self.journal.pack()
+        if self.every_tick:
+            self._spend(self.costs.tick, TICK_COST)
+        delayed = self.delayed
+        while delayed and delayed[0][0] <= ticks:
+            _, alarm, task = heappop(delayed)
+            if task.alarm == alarm:
+                if task.next_release >= 0:
+                    release(self, task, task.next_release)
+                if self.make_ready(task):
+                    self.switch_wanted = True
+        if self.time_slicing and len(self.ready.rings[self.running.priority]) > 2:
+            self.switch_wanted = True
+
+    def _handle_devices(self) -> None:
+        count = 0
+        while self.devices and self.devices[0][0] <= self.now < self.until:
+            at, _, handler, every = heappop(self.devices)
+            self._spend(self.costs.isr_entry, ISR_COST)
+            handler(self.isr)
+            self._spend(self.costs.isr_exit, ISR_COST)
+            if every is not None:
+                self.add_device(at + every, handler, every)
+            count += 1
+            if count == ZERO_TIME_LIMIT:
+                raise ValueError(f"{count} device interrupts in a row up to cycle {self.now}; no task gets to run between them")
+
+    def add_device(self, at: int, handler: Handler, every: int | None) -> None:
+        """A device interrupt to come; those of one instant keep the order in which they were added."""
+        self._sequence += 1
+        heappush(self.devices, (at, self._sequence, handler, every))
+
+    def _spend(self, cycles: int, cause: int) -> None:
+        if cycles:
+            self.log((self.now, OVERHEAD, self.running.code, -1, cycles, cause))
+            self.now += cycles
+
+    # States; the services are built from these
+
+    def reschedule(self) -> None:
+        """Run the next task of the highest priority; if that is the running one again, nothing has happened."""
+        self.switch_wanted = False
+        task, before = self.ready.select(), self.running
+        if task is not before:
+            if self.costs.switch:
+                self._spend(self.costs.switch, SWITCH_COST)
+            self.log((self.now, SWITCH, task.code, before.code, task.priority, before.state))
+            self.running = task
+
+    def make_ready(self, task: Task) -> bool:
+        """End whatever the task waits for. True if it is strictly above the running one, which then has to go (rules 4, 7)."""
+        if task.state == READY:  # notified after its time-out, before it ran
+            self.ready.remove(task)
+        task.alarm = 0
+        if task.waits_in is not None:
+            self._leave(task)
+        task.state = READY
+        self.ready.insert(task)
+        self.log((self.now, READIED, task.code, -1, task.priority, 0))
+        return task.priority > self.running.priority
+
+    def wake(self, waiters: list[Task]) -> bool:
+        """Make the first waiter ready; it has to try again itself (rule 9). True if it is above the running task."""
+        task = waiters.pop(0)
+        task.waits_for = task.waits_in = None
+        return self.make_ready(task)
+
+    def block(self, task: Task, until: int, pending: Any, target: Semaphore | Mutex | Queue, waiters: list[Task]) -> None:
+        """Take the CPU from the running task until it is woken as a waiter of `target`, or until tick `until`."""
+        task.waits_for, task.waits_in = target, waiters
+        enqueue(waiters, task)
+        target.protocol.waits(self, task, target)
+        self.sleep(task, until, pending)
+
+    def sleep(self, task: Task, until: int, pending: Any = None) -> None:
+        """Take the CPU from the running task until tick `until`; then it first tries again what is pending."""
+        task.pending = pending
+        task.state = BLOCKED
+        self.ready.remove(task)
+        if until < FOREVER:
+            self._sequence = task.alarm = self._sequence + 1
+            heappush(self.delayed, (until, task.alarm, task))
+        self.reschedule()
+
+    def suspend(self, task: Task) -> None:
+        """Rules 23 and 24. The service it waited in is tried again after the resume."""
+        if task.state == DELETED:
+            raise ValueError(f"task {task.name!r} is suspended after it has ended; only a task that exists can be suspended")
+        if task.state == READY:
+            self.ready.remove(task)
+        task.alarm = 0
+        if task.waits_in is not None:
+            self._leave(task)
+        task.awaits_notification = False
+        task.state = SUSPENDED
+
+    def _leave(self, task: Task) -> None:
+        """Stop waiting for an object without having been woken by it."""
+        task.waits_in.remove(task)
+        target, task.waits_for, task.waits_in = task.waits_for, None, None
+        target.protocol.left(self, task, target)
+
+    def change_priority(self, task: Task, priority: int) -> None:
+        """A ready task changes lists, or its place in its list (rule 21); of any other only the number changes (rule 14)."""
+        if task.state != READY:
+            task.priority = priority
+            return
+        self.ready.remove(task)
+        task.priority = priority
+        self.ready.insert(task)
+        self.log((self.now, READIED, task.code, -1, priority, 0))
+
+    def is_outranked(self) -> bool:
+        """Under a textbook protocol: whether a ready task is above the running one, however that came about."""
+        return self.textbook and self.ready.highest() > self.running.priority
