@@ -79,6 +79,7 @@ class Core:
         """First what takes no time, request by request; then time passes, to the end of a computation or the next interrupt."""
         tick, devices, costs = self.tick, self.devices, self.service_costs
         self.until = until
+        self._handle_interrupts(self._tick_due())  # those due at the very end of the run before
         while (now := self.now) < until:
             for _ in range(ZERO_TIME_LIMIT):
                 task = self.running

@@ -3,6 +3,7 @@
 import copy
 import json
 from collections import deque
+from pathlib import Path
 
 import pytest
 from hypothesis import given, settings
@@ -34,6 +35,16 @@ def test_a_scenario_can_be_a_mapping_or_a_file(tmp_path):
     file.write_text(json.dumps(GOOD))
     assert read_scenario(file) == read_scenario(str(file)) == read_scenario(GOOD)
     assert replay(read_scenario(GOOD)).trace.end == 20
+
+
+def test_a_scenario_can_be_replayed_under_each_protocol():
+    recorded = read_scenario(Path(__file__).parents[1] / "oracle" / "freertos" / "02_inversion_mutex.json")
+
+    def taken_at(protocol):
+        return [time for time, kind, task, *_ in rows(replay(recorded, protocol)) if kind == "take" and task == "H"]
+
+    assert taken_at("inheritance") == taken_at("ceiling") == taken_at("freertos")
+    assert taken_at("none") > taken_at("freertos")
 
 
 def set_at(path, value):
