@@ -10,7 +10,7 @@ from typing import Any
 
 _HOME = {
     "explore": "labkit.bench", "predict": "labkit.bench",
-    "published": "labkit.data", "published_table": "labkit.data",
+    "sweep": "labkit.sweeping", "published": "labkit.data", "published_table": "labkit.data",
     "Experiment": "labkit.experiment", "Metric": "labkit.experiment", "ParameterError": "labkit.experiment", "Verdict": "labkit.experiment",
 }
 

@@ -21,7 +21,7 @@ NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
 
 #: Part of labkit -> its floor. Imports go down, or stay inside the part; a new part gets its line here.
 FLOOR = {
-    "experiment": 0, "trace": 0, "data": 0,
+    "experiment": 0, "trace": 0, "data": 0, "sweeping": 1,
     "scheduler": 1, "cache": 1, "sink": 1, "fusion": 1, "network": 1,
     "robot": 2,
     "figures": 3,
