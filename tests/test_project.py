@@ -21,11 +21,11 @@ NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
 
 #: Part of labkit -> its floor. Imports go down, or stay inside the part; a new part gets its line here.
 FLOOR = {
-    "experiment": 0, "trace": 0, "data": 0, "sweeping": 1,
+    "experiment": 0, "trace": 0, "data": 0,
     "scheduler": 1, "cache": 1, "sink": 1, "fusion": 1, "network": 1,
     "robot": 2,
     "figures": 3,
-    "experiments": 4,
+    "experiments": 4, "sweeping": 4,
     "bench": 5, "__main__": 5,
     "labkit": 6,  # the package's own __init__, which names everything and imports it when asked
 }  # fmt: skip
