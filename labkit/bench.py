@@ -124,7 +124,7 @@ class Bench(w.VBox):
         experiment: the parameters shown now.
         result: the result shown now (None before the first run has ended).
         controls: the widget of each parameter, by name.
-        figure: the FigureWidget; it stays the same object for the life of the bench.
+        figure: the FigureWidget; None before the first run has ended, then the same object for the life of the bench.
     """
 
     def __init__(self, experiment: Experiment) -> None:
@@ -144,13 +144,12 @@ class Bench(w.VBox):
         lecture = w.ToggleButton(description="Lecture mode", tooltip="everything larger, for the last row", layout=w.Layout(width="auto", flex="0 0 auto"))
         lecture.add_class("lab-lecture-switch")
         lecture.observe(lambda change: self._enlarge(change["new"]), names="value")
-        self.figure = go.FigureWidget()
-        self.figure._config = {**self.figure._config, "responsive": True, "displaylogo": False}
+        self.figure: go.FigureWidget | None = None
         controls = w.GridBox(list(self.controls.values()), layout=w.Layout(grid_template_columns="repeat(auto-fill, minmax(390px, 1fr))"))
         controls.add_class("lab-controls")
         self._metrics.layout = w.Layout(flex="1 1 auto")
         bar = w.HBox([self._metrics, self._progress, reset, lecture], layout=w.Layout(align_items="center"))
-        super().__init__([Fit(), controls, self._error, bar, self.figure, self._code])
+        super().__init__([Fit(), controls, self._error, bar, self._code])
         self.add_class("lab-bench")
         if experiment.slow:
             self._update()
@@ -238,8 +237,12 @@ class Bench(w.VBox):
 
     def _draw(self, spec: dict[str, Any]) -> None:
         """Put a figure dict into the FigureWidget: only what differs from the one shown, in one batch."""
-        old = self._shown or {"data": [], "layout": {}}
-        self._shown = spec
+        old, self._shown = self._shown, spec
+        if old is None:  # made with its content: the page drops the updates of a figure it is still loading
+            self.figure = go.FigureWidget(spec)
+            self.figure._config = {**self.figure._config, "responsive": True, "displaylogo": False}
+            self.children = [*self.children[:-1], self.figure, self._code]
+            return
         with self.figure.batch_update():
             if [t["type"] for t in old["data"]] != [t["type"] for t in spec["data"]]:
                 self.figure.data = ()
