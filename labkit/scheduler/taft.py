@@ -15,8 +15,10 @@ if it is needed at all. Rules 1, 2 and 5 of `labkit.scheduler.periodic` hold; de
    order in the list. A main part that reaches its `ecet` loses its rank at that instant.
 5. *Completion* of a main part takes its exception part out of the plan; the others' slots then move later or stay. The time
    goes to main parts: the processor idles only if none is released and unfinished, and no slot is due.
-6. *Overload.* If the exception parts themselves do not fit (no acceptance test allows that), a plan may reach back before the present;
-   main parts with such slots are aborted at once. An exception part not complete at its deadline misses, and the rest of it is dropped.
+6. *Overload.* If the exception parts themselves do not fit (no acceptance test allows that), a plan may reach back before the present:
+   main parts with such slots are aborted at once. If the present instant is then in the slot of no released job, the
+   exception part that has been begun by an abort and has the earliest deadline (equals: the order in the list) runs. One that is not
+   complete at its deadline misses, and the rest of it is dropped.
 
 A plan reaches into the future without end. `_plan` builds it from a horizon and looks for an instant at which all work may rest even
 if everything up to the horizon is pressed before it; what lies before that instant is the endless plan itself. If the exception
@@ -61,8 +63,9 @@ class _Run:
     """One run of the engine. Jobs are known by their rank, that is by their place in EDF order.
 
     The heap of ready main parts holds the rank of a job within its expected time, and the rank plus `n` beyond it. The plan of
-    all jobs, as if none ever completed, is built once; completions only move slots later, so the first slot of a job in
-    it is a lower bound of its abort. Only when such a bound is reached are the slots of the released jobs planned anew.
+    all jobs, as if none ever completed, is built once; completions only move slots later, so the first slot of a job in it is
+    a lower bound of its abort. Only when such a bound is reached are the slots of the released jobs near it planned anew, and
+    their bounds raised.
     """
 
     def __init__(self, pairs: Sequence[TaskPair], jobs: Jobs, until: int):
@@ -73,11 +76,14 @@ class _Run:
         self.left = [*expected.tolist(), *(jobs.time - expected).tolist()]
         self.ep_left = ep.tolist()
         self.task, self.release, self.deadline = jobs.task.tolist(), jobs.release.tolist(), jobs.deadline.tolist()
-        self.slots, first = _plan(pairs, jobs, until)
-        self.slot_ends = [end for _, end, _ in self.slots]
+        *slots, first = _plan(pairs, jobs, until)
+        self.slot_starts, self.slot_ends, self.slot_jobs = (column.tolist() for column in slots)
+        self.release.append(NEVER)
+        self.task.append(-1)
         first = np.where(ep > 0, np.maximum(first, jobs.release), jobs.deadline)
+        self.bound = first.tolist()
         self.order = np.argsort(first, kind="stable")
-        self.first = first[self.order].tolist()
+        self.alarms: list[tuple[int, int]] = [(NEVER, -1)]  # (bound, job), for the jobs whose bound was raised
         self.ready: list[int] = []
         self.excepting: list[int] = []
         self.aborted: dict[int, int] = {}
@@ -103,24 +109,24 @@ class _Run:
         return Outcome(job, part, start, end, completed, aborted, recovered, np.where(late, self.jobs.deadline, -1))
 
     def _run(self) -> None:
-        n, left, ready = self.n, self.left, self.ready
-        covered = [False] * n + [False]  # by `check`: nothing can be due to this job before it
-        order, first = [*self.order.tolist(), n], [*self.first, NEVER]
+        n, left, ready, alarms = self.n, self.left, self.ready, self.alarms
+        settled = [False] * (n + 1)  # complete, or its bound is among the alarms
+        order, first = [*self.order.tolist(), n], [*np.array(self.bound, np.int64)[self.order].tolist(), NEVER]
         keys, starts, ends = self.keys.append, self.starts.append, self.ends.append
-        check, at = NEVER, 0
+        at = 0
         arrivals = self.jobs.arrivals
         releases = self.jobs.release[arrivals].tolist()
         for arrived, now, upcoming in zip(arrivals.tolist(), releases, [*releases[1:], self.until], strict=True):
             heappush(ready, arrived)
             while now < upcoming:
-                while covered[order[at]]:
+                while settled[order[at]]:
                     at += 1
-                alarm = first[at] if first[at] < check else check
+                alarm = alarms[0][0] if alarms[0][0] < first[at] else first[at]
                 if alarm <= now:
-                    now, check = self._except(now, upcoming, covered)
+                    now = self._except(now, upcoming, settled)
                     continue
                 if not ready:
-                    now = min(alarm, upcoming)
+                    now = alarm if alarm < upcoming else upcoming
                     continue
                 stop = alarm if alarm < upcoming else upcoming
                 key = ready[0]
@@ -133,32 +139,32 @@ class _Run:
                     if key < n and left[key + n]:
                         heappush(ready, key + n)
                     else:
-                        covered[key % n] = True
+                        settled[key % n] = True
                 else:
                     left[key] = now - stop
                     now = stop
                 ends(now)
-        if ready:  # what is due at the end of the schedule
-            self._except(self.until, self.until, covered)
+        self._except(self.until, self.until, settled)  # what is due at the end of the schedule
 
-    def _except(self, now: int, upcoming: int, covered: list[bool]) -> tuple[int, int]:
-        """Plan anew, abort what is due, and let the exception part whose slot it is run until something else may happen.
-
-        Returns the time then, and a time before which no planned slot of a released job comes.
-        """
-        self.excepting = [job for job in self.excepting if self.deadline[job] > now]
+    def _except(self, now: int, upcoming: int, settled: list[bool]) -> int:
+        """Plan anew, abort what is due, and run the exception part whose slot it is. Returns the time up to which that is done."""
+        while self.alarms[0][0] <= now:
+            heappop(self.alarms)
         slots = self._slots(now)
-        for key in self.ready:
-            covered[key % self.n] = True
-        due = {job for start, _, job in slots if start <= now}
-        if not due.isdisjoint(key % self.n for key in self.ready):
-            for key in [key for key in self.ready if key % self.n in due]:
-                self.ready.remove(key)
-                self._abort(key % self.n, now)
-            heapify(self.ready)
-        slot = next(((end, job) for start, end, job in slots if start <= now < end), None)
-        if slot is not None and now < upcoming:
-            end, job = min(slot[0], upcoming), slot[1]
+        first: dict[int, int] = {}
+        for start, _, job in slots:
+            first.setdefault(job, start)
+        for job, start in first.items():
+            settled[job] = True
+            if start <= now and job not in self.aborted:
+                self._abort(job, now)
+        turn = next(((end, job) for start, end, job in slots if start <= now < end), None)
+        if turn is None and self.excepting:  # rule 6: only in overload is there one whose slots have passed
+            job = min(self.excepting)
+            turn = now + self.ep_left[job], job
+        if turn is not None and now < upcoming:
+            end, job = turn
+            end = min(end, upcoming, *(start for start, _, _ in slots if start > now))
             self.keys.append(job + EXCEPTION * self.n)
             self.starts.append(now)
             self.ends.append(end)
@@ -167,9 +173,16 @@ class _Run:
             if not self.ep_left[job]:
                 self.recovered[job] = now
                 self.excepting.remove(job)
-        return now, min((max(start, now) for start, end, _ in slots if end > now), default=NEVER)
+        coming = {job: max(start, now) for start, end, job in reversed(slots) if end > now or start == now}  # the first one stays
+        for job in {*coming, *self.excepting}:
+            if job not in self.aborted or job in self.excepting:
+                self.bound[job] = coming.get(job, now)
+                heappush(self.alarms, (self.bound[job], job))
+        return now
 
     def _abort(self, job: int, now: int) -> None:
+        self.ready.remove(job if job in self.ready else job + self.n)
+        heapify(self.ready)
         self.aborted[job] = now
         if not self.ep_left[job]:
             self.recovered[job] = now
@@ -177,49 +190,55 @@ class _Run:
             self.excepting.append(job)
 
     def _slots(self, now: int) -> list[tuple[int, int, int]]:
-        """(start, end, job) of the planned slots of released jobs, in order of time; one of length 0 for an empty part."""
-        active = [*(key % self.n for key in self.ready), *self.excepting]
-        horizon = max((self.deadline[job] for job in active), default=now)
-        windows = [(self.release[job], self.task[job], self.deadline[job], self.ep_left[job], job) for job in active]
-        for start, end, job in self.slots[bisect_left(self.slot_ends, now):]:
+        """(start, end, job) of the planned slots, in order of time, of the released jobs with a bound that is reached and of those
+        that share time with them. An empty exception part has a slot of length 0.
+        """
+        self.excepting = [job for job in self.excepting if self.deadline[job] > now]
+        bound, deadline, release = self.bound, self.deadline, self.release
+        windows, horizon = [], now + 1
+        for job in sorted((*(key % self.n for key in self.ready), *self.excepting), key=bound.__getitem__):
+            if bound[job] >= horizon:  # its slots, and those of all that follow, lie behind
+                break
+            horizon = max(horizon, deadline[job])
+            windows.append((release[job], self.task[job], deadline[job], self.ep_left[job], job))
+        empty = [(due, due, job) for _, _, due, length, job in windows if not length]
+        for i in range(bisect_left(self.slot_ends, now), len(self.slot_ends)):
+            start, end, job = self.slot_starts[i], self.slot_ends[i], self.slot_jobs[i]
             if start >= horizon:
                 break
-            if self.release[job] > now:  # it stays where it is, whatever happens before its release
-                windows.append((self.release[job], self.task[job], end, end - start, -1))
+            if release[job] > now:  # it stays where it is, whatever happens before its release
+                windows.append((release[job], self.task[job], end, end - start, -1))
         windows.sort()
-        planned = latest_slots([(release, due, length) for release, _, due, length, _ in windows])
-        slots = [(start, end, windows[i][4]) for start, end, i in planned if windows[i][4] >= 0]
-        slots += [(self.deadline[job], self.deadline[job], job) for job in active if not self.ep_left[job]]
-        return sorted(slots)
+        planned = latest_slots([(released, due, length) for released, _, due, length, _ in windows])
+        return sorted([*((start, end, windows[i][4]) for start, end, i in planned if windows[i][4] >= 0), *empty])
 
 
-def _plan(pairs: Sequence[TaskPair], jobs: Jobs, until: int) -> tuple[list[tuple[int, int, int]], np.ndarray]:
-    """The plan of rule 1 as if no job ever completed.
+def _plan(pairs: Sequence[TaskPair], jobs: Jobs, until: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """The plan of rule 1 as if no job ever completed, int64 arrays.
 
     Returns:
-        (start, end, job) of the slots in order of time, and the start of the first slot of each job (int64; its deadline for an
-        empty exception part).
+        start, end and job of the slots in order of time, len(jobs) standing for every job that is released later; and the start of
+        the first slot of each job (anything for an empty exception part).
     """
+    ep = np.array([pair.ep_wcet for pair in pairs])
+    if not ep.any():
+        return *np.empty((3, 0), np.int64), jobs.deadline.copy()
     lookahead = 2 * max(pair.period for pair in pairs)
     for _ in range(6):
         horizon = until + lookahead
         ahead = release_jobs(pairs, horizon, {})
         ahead = ahead.ordered(np.lexsort((-ahead.task, -ahead.release)))  # by urgency on the reversed axis
-        length = np.array([pair.ep_wcet for pair in pairs])[ahead.task]
         due = np.minimum(ahead.deadline, horizon)
-        kept = np.flatnonzero(length > 0)
+        kept = np.flatnonzero(ep[ahead.task])
         arrivals = kept[np.argsort(-due[kept], kind="stable")]
-        who, start, end = dispatch((-due[arrivals]).tolist(), arrivals.tolist(), length.tolist(), NEVER)
-        if not len(who):
-            return [], jobs.deadline.copy()
-        rests = np.append(end[:-1] < start[1:], True) & (-end >= until)
-        if rests.any() or -start[0] <= until:
+        who, start, end = dispatch((-due[arrivals]).tolist(), arrivals.tolist(), ep[ahead.task].tolist(), NEVER)
+        rests = -end[:-1][end[:-1] < start[1:]]  # gaps in the plan, by their end in forward time
+        if len(rests) and rests[0] >= until:
             break
         lookahead *= 4
-    first = np.full((len(pairs), int(ahead.number.max(initial=0)) + 1), -NEVER)
     task, number = ahead.task[who], ahead.number[who]
-    first[task, number] = -end
-    rank = np.full_like(first, -1)
+    shape = len(pairs), int(ahead.number.max()) + 1
+    first, rank = np.zeros(shape, np.int64), np.full(shape, len(jobs))
+    first[task, number] = -end  # of repeated indices the last one counts, in forward time the first
     rank[jobs.task, jobs.number] = np.arange(len(jobs))
-    slots = zip((-end[::-1]).tolist(), (-start[::-1]).tolist(), rank[task, number][::-1].tolist(), strict=True)
-    return [slot for slot in slots if slot[2] >= 0], first[jobs.task, jobs.number]
+    return -end[::-1], -start[::-1], rank[task, number][::-1], first[jobs.task, jobs.number]

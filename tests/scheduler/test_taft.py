@@ -1,0 +1,180 @@
+"""TAFT: the engine against its rules executed unit by unit, and the guarantees on random sets."""
+
+from math import lcm
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from labkit.scheduler.analysis import taft_plan_test, taft_test, taft_utilization
+from labkit.scheduler.jobs import EP, job_table, slices, totals
+from labkit.scheduler.periodic import simulate
+from labkit.scheduler.tasksets import TaskPair
+from labkit.trace.kinds import KINDS
+
+
+def pairs(*rows):
+    """(ECET, EP, T[, D[, offset]]) rows as pairs p0, p1, ..."""
+    return [TaskPair(f"p{i}", *row) for i, row in enumerate(rows)]
+
+
+def events(trace, *kinds):
+    """(time, kind, name, job) of these rows, in order."""
+    return [(t, KINDS[k], trace.names[who], job) for t, k, who, _, _, job in trace.rows(*kinds).tolist()]
+
+
+def ran(trace):
+    return [(trace.names[who], job, start, end) for who, job, start, end in slices(trace).tolist()]
+
+
+# ----------------------------------------------------------------------------------------------- one rule at a time
+
+
+def test_expected_time_first_then_what_is_beyond_it_and_the_exception_last():
+    trace = simulate(pairs((2, 1, 10), (3, 2, 10)), "taft", 10, {"p0": [9], "p1": [9]})
+    assert ran(trace) == [("p0", 0, 0, 2), ("p1", 0, 2, 5), ("p0", 0, 5, 7), ("p0.ep", 0, 7, 8), ("p1.ep", 0, 8, 10)]
+    assert events(trace, "abort", "complete") == [
+        (7, "abort", "p0", 0), (8, "complete", "p0.ep", 0), (8, "abort", "p1", 0), (10, "complete", "p1.ep", 0)]
+
+
+def test_a_completion_moves_the_other_exception_parts_later():
+    trace = simulate(pairs((2, 1, 10), (3, 2, 10)), "taft", 10, {"p0": [9], "p1": [3]})
+    assert ran(trace) == [("p0", 0, 0, 2), ("p1", 0, 2, 5), ("p0", 0, 5, 9), ("p0.ep", 0, 9, 10)]
+
+
+def test_completing_at_the_instant_of_the_abort_is_completing():
+    for time, what in ((8, "complete"), (9, "abort")):
+        assert events(simulate(pairs((2, 2, 10)), "taft", 10, {"p0": [time]}), "complete", "abort")[0] == (8, what, "p0", 0)
+
+
+def test_an_empty_exception_part_aborts_at_the_deadline():
+    trace = simulate(pairs((2, 0, 6, 5)), "taft", 6, {"p0": [9]})
+    assert events(trace, "abort", "complete", "miss") == [(5, "abort", "p0", 0), (5, "complete", "p0.ep", 0)]
+    assert ran(trace) == [("p0", 0, 0, 5)]
+
+
+def test_exception_parts_of_jobs_still_to_come_are_in_the_plan():
+    """p1's part could go into 9..11 if p0's next job, due at 10, were not sure to need 9..10 itself."""
+    trace = simulate(pairs((3, 1, 5), (1, 2, 20, 11)), "taft", 20, {"p0": [9], "p1": [99]})
+    assert ("p1.ep", 0, 8, 9) in ran(trace) and ("p0.ep", 1, 9, 10) in ran(trace) and ("p1.ep", 0, 10, 11) in ran(trace)
+
+
+def test_equal_deadlines_go_by_the_order_in_the_list():
+    assert ran(simulate(pairs((2, 1, 10), (2, 1, 10)), "taft", 10)) == [("p0", 0, 0, 2), ("p1", 0, 2, 4)]
+
+
+def test_priorities_in_the_trace_tell_the_class():
+    switch = simulate(pairs((2, 1, 5)), "taft", 5, {"p0": [9]}).rows("switch")
+    assert switch[:, [0, 2, 4]].tolist() == [[0, 0, 1], [2, 0, 0], [4, 1, 2]]
+
+
+def test_overload_of_exception_parts_is_a_miss_and_ends_with_the_deadline():
+    trace = simulate(pairs((1, 4, 5), (1, 4, 5)), "taft", 10)
+    assert not taft_plan_test(pairs((1, 4, 5), (1, 4, 5)))
+    assert totals(trace)["missed"].sum() > 0
+    assert slices(trace)[-1, 3] <= 10
+
+
+def test_what_cannot_be_scheduled_is_refused():
+    with pytest.raises(ValueError, match="'p0.ep', the name of the exception part"):
+        simulate([TaskPair("p0", 1, 1, 9), TaskPair("p0.ep", 1, 1, 9)], "taft", 9)
+    with pytest.raises(ValueError, match="task 'p0': execution time 0 of job 1; it must be at least 1"):
+        simulate(pairs((1, 1, 9)), "taft", 9, {"p0": [3, 0]})
+
+
+# ----------------------------------------------------------------------------- the rules, executed unit by unit
+
+
+def by_the_rules(pair_list, until, times):
+    """TAFT by its six rules, deciding anew in every unit; returns (runs per unit, events) to compare with the engine's."""
+    far = until + 40
+    jobs = [
+        dict(task=i, job=k, release=r, due=r + p.deadline, had=0, need=times[i][min(k, len(times[i]) - 1)], ecet=p.ecet, ep=p.ep_wcet, state="mp")
+        for i, p in enumerate(pair_list) for k, r in enumerate(range(p.offset, far, p.period))
+    ]
+    units, told = [], set()
+    for now in range(until + 1):
+        open_jobs = [j for j in jobs if j["state"] in ("mp", "ep")]
+        for j in open_jobs:
+            if j["due"] <= now and j["ep"] and j["state"] == "ep":
+                told.add((now, "miss", j["task"], j["job"]))
+                j["state"] = "missed"
+        plan, left = {}, {id(j): j["ep"] for j in jobs if j["state"] in ("mp", "ep")}
+        for unit in range(far + 12, now - 12, -1):  # unit: the one that ends there
+            waiting = [j for j in jobs if left.get(id(j)) and j["due"] >= unit]
+            if waiting:
+                chosen = max(waiting, key=lambda j: (j["release"], j["task"]))
+                left[id(chosen)] -= 1
+                plan[unit - 1] = chosen
+        for j in jobs:
+            if j["state"] == "mp" and j["release"] <= now and (j["release"] < until or j["release"] < now):
+                first = min((at for at, who in plan.items() if who is j), default=j["due"])
+                if first <= now:
+                    told.add((now, "abort", j["task"], j["job"]))
+                    j["state"] = "ep"
+                    if not j["ep"]:
+                        told.add((now, "recover", j["task"], j["job"]))
+                        j["state"] = "done"
+                    elif j["due"] <= now:
+                        told.add((now, "miss", j["task"], j["job"]))
+                        j["state"] = "missed"
+        if now == until:
+            break
+        slot = plan.get(now)
+        if slot is None or slot["release"] > now or slot["state"] != "ep":
+            slot = min((j for j in jobs if j["state"] == "ep"), key=lambda j: (j["due"], j["task"]), default=None)
+        if slot is not None:
+            slot["ep"] -= 1
+            units.append((slot["task"], slot["job"], "ep"))
+            if not slot["ep"]:
+                told.add((now + 1, "recover", slot["task"], slot["job"]))
+                slot["state"] = "done"
+            continue
+        ready = [j for j in jobs if j["state"] == "mp" and j["release"] <= now]
+        if not ready:
+            units.append(None)
+            continue
+        j = min(ready, key=lambda j: (j["had"] >= j["ecet"], j["due"], j["task"]))
+        j["had"] += 1
+        units.append((j["task"], j["job"], "mp"))
+        if j["had"] == j["need"]:
+            told.add((now + 1, "complete", j["task"], j["job"]))
+            j["state"] = "done"
+    return units, told
+
+
+def as_units(trace, tasks, until):
+    units = [None] * until
+    for who, job, start, end in slices(trace).tolist():
+        units[start:end] = [(who % tasks, job, "ep" if who >= tasks else "mp")] * (end - start)
+    told = {
+        (t, "recover" if kind == "complete" and name.endswith(EP) else kind, int(name.removesuffix(EP)[1:]), job)
+        for t, kind, name, job in events(trace, "complete", "abort", "miss")
+    }
+    return units, told
+
+
+@st.composite
+def small_sets(draw):
+    rows = []
+    for _ in range(draw(st.integers(1, 4))):
+        period = draw(st.sampled_from([3, 4, 5, 6, 8]))
+        ep = draw(st.integers(0, max(1, period // 3)))
+        ecet = draw(st.integers(1, max(1, period // 2 - ep)))
+        deadline = draw(st.integers(min(period, ecet + ep), period))
+        rows.append((ecet, ep, period, deadline, draw(st.integers(0, period))))
+    times = [draw(st.lists(st.integers(1, 9), min_size=1, max_size=6)) for _ in rows]
+    return rows, times
+
+
+@settings(max_examples=150, deadline=None)
+@given(small_sets(), st.integers(6, 20))
+def test_the_engine_does_what_the_rules_say_unit_by_unit(drawn, until):
+    """Also on sets that no test would accept, as long as the exception parts leave room (else a plan has no beginning)."""
+    rows, times = drawn
+    pair_list = pairs(*rows)
+    if sum(p.ep_wcet / p.period for p in pair_list) > 0.8:
+        return
+    trace = simulate(pair_list, "taft", until, {p.name: t for p, t in zip(pair_list, times, strict=True)})
+    assert as_units(trace, len(pair_list), until) == by_the_rules(pair_list, until, times)
