@@ -112,7 +112,7 @@ def dispatch(arrivals: list[int], ranks: list[int], left: list[int], until: int)
     starts: list[int] = []
     ends: list[int] = []
     ready: list[int] = []
-    for arrived, now, upcoming in zip(ranks, arrivals, [*arrivals[1:], until], strict=True):
+    for arrived, now, upcoming in zip(ranks, arrivals, [*arrivals[1:], until]):
         heappush(ready, arrived)
         while ready and now < upcoming:
             rank = ready[0]

@@ -51,12 +51,18 @@ def schedule_pairs(pairs: Sequence[TaskPair], jobs: Jobs, until: int, hz: int) -
     clash = next((name for name in names if name + EP in names), None)
     if clash is not None:
         raise ValueError(f"a task is called {clash + EP!r}, the name of the exception part of {clash!r}; rename it")
+    jobs, outcome = run_pairs(pairs, jobs, until)
+    return trace_of(jobs, outcome, [*names, *(name + EP for name in names)], PRIORITY[outcome.part], until, hz)
+
+
+def run_pairs(pairs: Sequence[TaskPair], jobs: Jobs, until: int) -> tuple[Jobs, Outcome]:
+    """The jobs in EDF order, and what became of them."""
     jobs = jobs.ordered(np.lexsort((jobs.number, jobs.task, jobs.deadline)))
-    outcome = _Run(pairs, jobs, until).outcome()
-    return trace_of(jobs, outcome, [*names, *(name + EP for name in names)], _CLASS[outcome.part], until, hz)
+    return jobs, _Run(pairs, jobs, until).outcome()
 
 
-_CLASS = np.array([1, 0, 2])  # of MP, BEYOND and EXCEPTION
+#: Priority in the trace of a slice of MP, BEYOND and EXCEPTION.
+PRIORITY = np.array([1, 0, 2])
 
 
 class _Run:
@@ -116,7 +122,7 @@ class _Run:
         at = 0
         arrivals = self.jobs.arrivals
         releases = self.jobs.release[arrivals].tolist()
-        for arrived, now, upcoming in zip(arrivals.tolist(), releases, [*releases[1:], self.until], strict=True):
+        for arrived, now, upcoming in zip(arrivals.tolist(), releases, [*releases[1:], self.until]):
             heappush(ready, arrived)
             while now < upcoming:
                 while settled[order[at]]:
