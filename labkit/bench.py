@@ -23,6 +23,7 @@ STYLE = """
 .lab-bench {border: 1px solid #d0d7de; border-radius: 8px; padding: 10px 14px; overflow: hidden;}
 .lab-bench select {font-size: 14px;}
 .lab-bench .lab-controls {gap: 0 18px; overflow: hidden;}
+.lab-bench .lab-controls .widget-text {grid-column: 1 / -1;}
 .lab-bench .widget-label, .lab-bench .widget-readout {font-size: 15px;}
 .lab-bench .lab-metrics {display: flex; flex-wrap: wrap; gap: 8px; line-height: 1.25;}
 .lab-bench .lab-metric {border-left: 5px solid #8c959f; background: #f6f8fa; padding: 4px 12px; border-radius: 4px;}
@@ -36,7 +37,7 @@ STYLE = """
 .lab-lecture .lab-metric b {font-size: 30px;}
 .lab-lecture .lab-metric span {font-size: 18px;}
 .lab-lecture .lab-code {font-size: 18px;}
-.lab-lecture .lab-controls {grid-template-columns: repeat(auto-fill, minmax(560px, 1fr));}
+.lab-lecture .lab-controls {grid-template-columns: repeat(auto-fill, minmax(560px, 1fr)) !important;}
 .lab-lecture .widget-label {min-width: 270px;}
 .lab-lecture .noUi-handle {transform: scale(1.5);}
 .lab-lecture .widget-hslider, .lab-lecture .widget-dropdown, .lab-lecture .widget-checkbox {height: 40px; line-height: 40px;}
@@ -53,10 +54,15 @@ class Fit(anywidget.AnyWidget):
     _esm = """
     export default { render({ el }) {
         let width = 0;
+        const fit = () => {
+            window.dispatchEvent(new Event("resize"));
+            const drawn = el.closest(".lab-bench")?.querySelector(".main-svg")?.clientWidth ?? 0;
+            if (el.isConnected && Math.abs(drawn - width) > 40) setTimeout(fit, 250);  // the figure is still being loaded
+        };
         const observer = new ResizeObserver(([box]) => {
             if (box.contentRect.width === width) return;
             width = box.contentRect.width;
-            requestAnimationFrame(() => window.dispatchEvent(new Event("resize")));
+            requestAnimationFrame(fit);
         });
         observer.observe(el);
         return () => observer.disconnect();
@@ -281,7 +287,7 @@ def predict(question: str, experiment: Experiment, metric: str, choices: Sequenc
     m = found[metric]
     guess: w.Widget = (w.RadioButtons(options=list(choices), value=None, layout=w.Layout(width="auto")) if choices
                        else w.FloatText(value=None, layout=w.Layout(width="120px")))
-    reveal = w.Button(description="I have decided", button_style="primary", layout=w.Layout(width="auto"))
+    reveal = w.Button(description="I have decided", button_style="primary", layout=w.Layout(width="auto", margin="2px 2px 2px 18px"))
     reveal.add_class("lab-predict-reveal")
     answer = w.HTML()
 
