@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 
@@ -34,7 +34,9 @@ class Stage:
 
 
 class Story:
-    """Records stages over a window of `size` bytes from `first`. A byte is stale when its value is not the one last written.
+    """Records stages over a window of `size` bytes from `first`.
+
+    A byte is stale when another write of it is newer, even if the two happen to have the same value.
 
     Args:
         memory: as it stands at the beginning.
@@ -45,7 +47,8 @@ class Story:
         self.cache = Cache(memory)
         self.dma = Dma(memory, self.cache.log)
         self.first, self.size, self._hexadecimal = first, size, hexadecimal
-        self._latest = bytearray(memory.read(first, size))
+        # per column: which record wrote it last, and whose write memory and the cached line hold (-1: there from the beginning)
+        self._latest, self._stored, self._cached = [-1] * size, [-1] * size, [-1] * size
         self._seen: dict[int, list[tuple[str, str]]] = {at: [("", "absent")] * size for at in (CPU, DMA)}
         self._stages: list[tuple[str, str, tuple[Lane, ...], tuple[Move, ...], range]] = []
 
@@ -54,9 +57,9 @@ class Story:
         """What is done inside is one stage of the story."""
         start = len(self.cache.log)
         yield
-        records = self.cache.log[start:]
-        moves = tuple(move for record in records for move in self._moves(record))
-        self._stages.append((label, text, self._lanes(), moves, range(start, len(self.cache.log))))
+        span = range(start, len(self.cache.log))
+        moves = tuple(move for index in span for move in self._follow(index, self.cache.log[index]))
+        self._stages.append((label, text, self._lanes(), moves, span))
 
     def stages(self) -> list[Stage]:
         """All stages so far, with the reads that went wrong in each."""
@@ -67,40 +70,53 @@ class Story:
             told.append(Stage(label, text, lanes, moves, tuple(v for v in found if v.index in span), lost))
         return told
 
-    def _inside(self, address: int, size: int) -> range:
+    def _columns(self, address: int, size: int = LINE) -> range:
         """The columns of these bytes that lie in the window."""
         return range(max(0, address - self.first), min(self.size, address + size - self.first))
 
-    def _moves(self, record: Record) -> list[Move]:
-        """Which bytes a record moved; on the way it notes what the masters saw and which value is the latest."""
+    def _follow(self, index: int, record: Record) -> list[Move]:
+        """Keep the columns up to date with a record; returns which bytes it moved."""
+        if isinstance(record, Access):
+            return self._access(index, record)
         if isinstance(record, Operation):
-            return self._lines(record.written_back, CACHE, "down") + [
-                move for line in record.dropped for move in self._lines((line,), CACHE, "lost" if line in record.lost else "dropped")]
-        columns = self._inside(record.address, record.size if isinstance(record, Access) else len(record.data))
-        to_memory = record.op == "write" or record.op == "dma read"
-        moves = [] if not isinstance(record, Access) else self._fill(record)
-        if record.op != "speculate":
-            master, gap = (CPU, CPU) if isinstance(record, Access) else (DMA, MEMORY)
-            for c in columns:
-                value = record.data[c + self.first - record.address]
-                if record.op in ("write", "dma write"):
-                    self._latest[c] = value
-                self._seen[master][c] = self._text(value), "plain" if value == self._latest[c] else "stale"
-            moves += [Move(c, gap, "down" if to_memory else "up") for c in columns]
+            moves = [move for line in record.written_back for move in self._write_back(line)]
+            return moves + [Move(c, CACHE, "lost" if line in record.lost else "dropped")
+                            for line in record.dropped for c in self._columns(line)]
+        columns = self._columns(record.address, len(record.data))
+        writes = record.op == "dma write"
+        for c in columns:
+            if writes:
+                self._latest[c] = self._stored[c] = index
+            self._note(DMA, c, record.data[c + self.first - record.address], self._stored[c])
+        return [Move(c, MEMORY, "up" if writes else "down") for c in columns]
+
+    def _access(self, index: int, access: Access) -> list[Move]:
+        moves = self._write_back(access.victim) if access.written_back and access.victim is not None else []
+        if access.filled:
+            for c in self._columns(access.line):
+                self._cached[c] = self._stored[c]
+                moves.append(Move(c, CACHE, "up"))
+        writes, way = access.op == "write", "down" if access.op == "write" else "up"
+        for c in self._columns(access.address, access.size):
+            if writes:
+                self._latest[c] = index
+                self._cached[c] = index if access.way >= 0 else self._cached[c]
+                self._stored[c] = index if access.to_memory else self._stored[c]
+            version = self._cached[c] if access.way >= 0 else self._stored[c]
+            self._note(CPU, c, access.data[c + self.first - access.address], version)
+            moves.append(Move(c, CPU, way))
+            if access.to_memory or access.bypass:
+                moves.append(Move(c, CACHE, way))
         return moves
 
-    def _fill(self, access: Access) -> list[Move]:
-        """What an access of the CPU moved between cache and memory."""
-        moves = self._lines((access.line,), CACHE, "up") if access.filled else []
-        if access.written_back and access.victim is not None:
-            moves += self._lines((access.victim,), CACHE, "down")
-        if access.to_memory or access.bypass:
-            way = "down" if access.op == "write" else "up"
-            moves += [Move(c, CACHE, way) for c in self._inside(access.address, access.size)]
-        return moves
+    def _write_back(self, line: int) -> list[Move]:
+        for c in self._columns(line):
+            self._stored[c] = self._cached[c]
+        return [Move(c, CACHE, "down") for c in self._columns(line)]
 
-    def _lines(self, lines: Sequence[int], lane: int, kind: str) -> list[Move]:
-        return [Move(c, lane, kind) for line in lines for c in self._inside(line, LINE)]
+    def _note(self, master: int, column: int, value: int, version: int) -> None:
+        """What a master wrote or got."""
+        self._seen[master][column] = self._text(value), "plain" if version == self._latest[column] else "stale"
 
     def _lanes(self) -> tuple[Lane, ...]:
         cells: list[tuple[str, str]] = []
@@ -110,18 +126,17 @@ class Story:
             if line is None:
                 cells.append(("", "absent"))
                 continue
-            value = line.data[self.first + c - line.address]
-            state = "stale" if value != self._latest[c] else "dirty" if line.dirty else "newest"
-            cells.append((self._text(value), state))
-            if line.dirty and (not c or line.address == self.first + c):
-                columns = self._inside(line.address, LINE)
+            state = "stale" if self._cached[c] != self._latest[c] else "dirty" if line.dirty else "newest"
+            cells.append((self._text(line.data[self.first + c - line.address]), state))
+            columns = self._columns(line.address)
+            if line.dirty and c == columns.start:
                 dirty.append((columns.start, columns.stop))
         stored = self.cache.memory.read(self.first, self.size)
-        memory = [(self._text(v), "newest" if v == self._latest[c] else "stale") for c, v in enumerate(stored)]
+        memory = [(self._text(v), "newest" if self._stored[c] == self._latest[c] else "stale") for c, v in enumerate(stored)]
         attribute = self.cache.memory.attribute(self.first)
         note = "" if attribute.cacheable else f"not asked: this memory is {attribute.name}"
-        return tuple(Lane(name, *zip(*column), dirty=tuple(dirty) if name == "cache" else (), note=note if name == "cache" else "")
-                     for name, column in (("CPU", self._seen[CPU]), ("cache", cells), ("memory", memory), ("DMA", self._seen[DMA])))
+        return (Lane("CPU", *zip(*self._seen[CPU])), Lane("cache", *zip(*cells), dirty=tuple(dirty), note=note),
+                Lane("memory", *zip(*memory)), Lane("DMA", *zip(*self._seen[DMA])))
 
     def _text(self, value: int) -> str:
         if self._hexadecimal:

@@ -1,4 +1,4 @@
-"""Notebook 03: who has the newest bytes, CPU, cache, memory or DMA (source 1, 2.2 and 3.3; ways to fail: `labkit.cache.CAUSES`)."""
+"""Notebook 03: who has the newest bytes, CPU, cache, memory or DMA (source 1, 2.2 and 3.3; failures: `coherence.CAUSES`)."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from labkit.cache.drivers import evict
 from labkit.experiment import Experiment, Labels, Metric
 from labkit.experiments.byte_story import LINE, Stage, Story
 from labkit.figures.lanes import Span, lanes
-from labkit.figures.style import SKY, VERMILION, YELLOW
+from labkit.figures.style import ORANGE, SKY, YELLOW
 
 WINDOW = 2 * LINE
 SIZE = 32  # of the buffer in `DmaCoherence`
@@ -66,41 +66,47 @@ def causes_of(stages: Sequence[Stage]) -> tuple[str, ...]:
 
 def remark(stage: Stage) -> str:
     """What went wrong in a stage, in a line; nothing if nothing did."""
-    if stage.wrong:
-        size = sum(v.size for v in stage.wrong)
-        return f"the {stage.wrong[0].reader} gets {size} stale byte{'s' * (size != 1)}: {', '.join(dict.fromkeys(v.cause for v in stage.wrong))}"
-    return f"{stage.lost} dirty line{'s' * (stage.lost != 1)} dropped: what the CPU wrote there is gone" if stage.lost else ""
+    if not stage.wrong:
+        return ""
+    size = sum(v.size for v in stage.wrong)
+    causes = ", ".join(dict.fromkeys(v.cause for v in stage.wrong))
+    return f"the {stage.wrong[0].reader} gets {size} stale byte{'s' * (size != 1)}: {causes}"
 
 
 def picture(stages: Sequence[Stage], shown: int, first: int, spans: Sequence[Span], headline: str = "") -> dict[str, Any]:
     """The lanes after stage number `shown`."""
     stage = stages[shown]
-    return lanes(stage.lanes, first, LINE, spans=spans, moves=stage.moves, headline=headline or stage.text, remark=remark(stage),
-                 stages=[s.label for s in stages], stage=shown, alarms=[n for n, s in enumerate(stages) if s.wrong])
+    gone = f"<br>Dirty lines dropped: {stage.lost}. What the CPU wrote there is gone." if stage.lost else ""
+    return lanes(stage.lanes, first, LINE, spans=spans, moves=stage.moves, headline=(headline or stage.text) + gone,
+                 remark=remark(stage), stages=[s.label for s in stages], stage=shown,
+                 alarms=[n for n, s in enumerate(stages) if s.wrong])
 
 
 class DmaCoherence(Experiment):
     """Who has the newest bytes: the CPU, the cache, the memory or the DMA?
 
-    A driver hands a buffer of 32 bytes to a DMA master, which reads and writes memory and knows nothing of the cache. Step through
-    the story; change what the driver does, what happens meanwhile, and where the buffer lies.
+    A driver hands a buffer of 32 bytes to a DMA master, which reads and writes memory and knows nothing of the cache. Step
+    through the story; change what the driver does, what happens meanwhile, and where the buffer lies.
     """
 
     step: Annotated[int, Interval(ge=0, le=9), Doc("how far the story is told")] = 0
-    direction: Annotated[Literal["transmit", "receive"], Labels({"transmit": "transmit: memory to device", "receive": "receive: device to memory"}),
-                         Doc("which way the DMA copies")] = "transmit"
+    direction: Annotated[Literal["transmit", "receive"], Labels({
+        "transmit": "transmit (DMA reads)", "receive": "receive (DMA writes)"}),
+        Doc("which way the DMA copies")] = "transmit"
     before: Annotated[DriverStep, STEPS, Doc("what the driver does with the buffer's lines before the transfer")] = "none"
     after: Annotated[DriverStep, STEPS, Doc("what the driver does with the buffer's lines after the transfer")] = "none"
     meanwhile: Annotated[Literal["nothing", "speculation", "eviction"], Labels({
-        "nothing": "nothing", "speculation": "the CPU prefetches the buffer", "eviction": "other work evicts the buffer"}),
+        "nothing": "nothing", "speculation": "prefetch by the CPU", "eviction": "eviction by other work"}),
         Doc("what happens in the middle of the transfer")] = "nothing"
     neighbour: Annotated[Literal["alone", "before", "during"], Labels({
-        "alone": "left alone", "before": "written before the transfer", "during": "written during the transfer"}),
-        Doc("when the CPU writes the variable behind the buffer")] = "alone"
-    offset: Annotated[int, Interval(ge=0, le=24), MultipleOf(4), Unit("bytes"), Doc("where in its first line the buffer begins")] = 0
+        "alone": "left alone", "before": "written before", "during": "written during"}),
+        Doc("when the CPU writes the variable behind the buffer: before the transfer or while it runs")] = "alone"
+    offset: Annotated[int, Interval(ge=0, le=24), MultipleOf(4), Unit("bytes"),
+                      Doc("where in its first line the buffer begins")] = 0
     place: Annotated[Literal["cached", "write_through", "non_cacheable", "dtcm"], Labels({
-        "cached": "SRAM, write-back (default)", "write_through": "SRAM, MPU: write-through", "non_cacheable": "SRAM, MPU: not cacheable",
-        "dtcm": "DTCM, which is never cached"}), Doc("where the buffer lies and how that memory is cached")] = "cached"
+        "cached": "write-back (default)", "write_through": "write-through (MPU)", "non_cacheable": "not cacheable (MPU)",
+        "dtcm": "DTCM, never cached"}),
+        Doc("where the buffer lies and how that memory is cached")] = "cached"
 
     def run(self) -> Outcome:
         first, mpu = PLACES[self.place]
@@ -132,28 +138,26 @@ class DmaCoherence(Experiment):
                 cache.write(neighbour, AFTER)
         with story.stage("driver:<br>before", f"Driver, before the transfer: {DOES[self.before]}"):
             operate(self.before)
-        with story.stage("DMA,<br>first half", f"The DMA {'reads' if transmit else 'writes'} the first half in memory. It does not ask the cache."):
+        verb = "reads" if transmit else "writes"
+        with story.stage("DMA,<br>first half", f"The DMA {verb} the first half in memory. It does not ask the cache."):
             copy(0)
-        with story.stage("mean-<br>while", {
-                "nothing": "Meanwhile, nothing else touches the buffer's lines.",
-                "speculation": "Meanwhile, the CPU prefetches the buffer's lines, as a Cortex-M7 may at any time.",
-                "eviction": "Meanwhile, other work needs room in these sets: the buffer's lines leave, dirty ones by way of memory."}[self.meanwhile]):
+        with story.stage("meanwhile", MEANWHILE[self.meanwhile]):
             for at in dict.fromkeys(address & -LINE for address in (buffer, buffer + SIZE - 1)):
                 if self.meanwhile == "speculation":
                     cache.speculate(at)
                 elif self.meanwhile == "eviction":
                     evict(cache, at)
-        with story.stage("neigh-<br>bour", "The CPU writes its neighbour, the variable behind the buffer." if self.neighbour == "during" else
-                         "The CPU leaves its neighbour alone, the variable behind the buffer."):
+        does = "writes its neighbour" if self.neighbour == "during" else "does not touch its neighbour"
+        with story.stage("neighbour", f"The CPU {does}, the variable behind the buffer."):
             if self.neighbour == "during":
                 cache.write(neighbour, AFTER)
-        with story.stage("DMA,<br>other half", f"The DMA {'reads' if transmit else 'writes'} the other half and reports that it is done."):
+        with story.stage("DMA,<br>other half", f"The DMA {verb} the other half and reports that it is done."):
             copy(1)
         with story.stage("driver:<br>after", f"Driver, after the transfer: {DOES[self.after]}"):
             operate(self.after)
-        with story.stage("CPU reads<br>buffer", "The CPU reads the buffer."):
+        with story.stage("read<br>buffer", "The CPU reads the buffer."):
             read = cache.load(buffer, SIZE)
-        with story.stage("CPU reads<br>neighbour", "The CPU reads its neighbour."):
+        with story.stage("read<br>neighbour", "The CPU reads the neighbour."):
             value = cache.load(neighbour, len(AFTER))
 
         sent = b"".join(r.data for r in cache.log if getattr(r, "op", "") == "dma read")
@@ -184,13 +188,19 @@ class DmaCoherence(Experiment):
             Metric("neighbour", "intact" if result.neighbour else "destroyed", good=result.neighbour),
             Metric("what went wrong", result.causes[0] + more if result.causes else "nothing", good=not result.causes,
                    note=REASONS[result.causes[0]] if result.causes else ""),
-            Metric("cache lines cleaned or dropped", result.lines),
+            Metric("lines cleaned or dropped", result.lines),
         ]
 
 
 DOES = {
-    "none": "nothing.", "clean": "clean. Dirty lines are written back and stay.", "invalidate": "invalidate. The lines are dropped, dirty or not.",
+    "none": "nothing.", "clean": "clean. Dirty lines are written back and stay.",
+    "invalidate": "invalidate. The lines are dropped, dirty or not.",
     "clean+invalidate": "clean and invalidate. Dirty lines are written back, then all are dropped.",
+}
+MEANWHILE = {
+    "nothing": "Meanwhile, nothing else touches the buffer's lines.",
+    "speculation": "Meanwhile, the CPU prefetches the buffer's lines, as a Cortex-M7 may at any time.",
+    "eviction": "Meanwhile, other work needs the sets: the buffer's lines leave, dirty ones by way of memory.",
 }
 
 
@@ -203,12 +213,13 @@ class Alignment(Experiment):
 
     step: Annotated[int, Interval(ge=0, le=3), Doc("how far the story is told")] = 3
     operation: Annotated[Literal["clean", "invalidate", "clean+invalidate"], Labels({
-        "clean": "clean, then transmit", "invalidate": "receive, then invalidate", "clean+invalidate": "receive, then clean and invalidate"}),
+        "clean": "clean (transmit)", "invalidate": "invalidate (receive)", "clean+invalidate": "clean and invalidate"}),
         Doc("what the driver does with the buffer")] = "invalidate"
     offset: Annotated[int, Interval(ge=0, le=31), Unit("bytes"), Doc("where in its line the buffer begins: addr & 0x1F")] = 12
     size: Annotated[int, Interval(ge=1, le=32), Unit("bytes"), Doc("length of the buffer")] = 24
-    size_rule: Annotated[Literal["with_offset", "size_only"], Labels({"with_offset": "size + (addr & 0x1F)", "size_only": "size (offset forgotten)"}),
-                         Doc("which size the driver passes on after it has rounded the address down")] = "with_offset"
+    size_rule: Annotated[Literal["with_offset", "size_only"], Labels({
+        "with_offset": "size + (addr & 0x1F)", "size_only": "size only"}),
+        Doc("which size the driver passes on after it has rounded the address down")] = "with_offset"
 
     def run(self) -> tuple[list[Stage], Operation, int]:
         """The stages, the record of the operation, and how many stale bytes were read in the end."""
@@ -243,25 +254,24 @@ class Alignment(Experiment):
     def figure(self, result: tuple[list[Stage], Operation, int]) -> dict[str, Any]:
         stages, done, _ = result
         end, worked = self.offset + self.size, len(done.lines) * LINE
+        lines = f"{len(done.lines)} line{'s' * (len(done.lines) != 1)}"
         spans = [Span("before", 0, self.offset), Span("buffer", self.offset, end, colour=YELLOW), Span("behind", end, WINDOW),
-                 Span(f"worked on: {len(done.lines)} line{'s' * (len(done.lines) != 1)}", 0, worked, 1, SKY)]
+                 Span(f"worked on: {lines}", 0, worked, 1, SKY)]
         if done.missed:
-            spans.append(Span("missed", worked, end, 1, VERMILION))
-        spans = [span for span in spans if span.stop > span.start]
-        address = SRAM + self.offset
+            spans.append(Span("missed", worked, end, 1, ORANGE))
         asked = f"{self.size} + {self.offset} = {self.size + self.offset}" if self.size_rule == "with_offset" else f"{self.size}"
-        sum_ = f"{address:#010x} & ~0x1F = {done.lines.start:#010x},  {asked} bytes: {len(done.lines)} line{'s' * (len(done.lines) != 1)} of {LINE}"
-        return picture(stages, self.step, SRAM, spans, sum_)
+        arithmetic = f"0x{SRAM + self.offset:08X} & ~0x1F = 0x{done.lines.start:08X},  {asked} bytes: {lines}"
+        return picture(stages, self.step, SRAM, [span for span in spans if span.stop > span.start], arithmetic)
 
     def metrics(self, result: tuple[list[Stage], Operation, int]) -> list[Metric]:
         stages, done, stale = result
         missed = done.missed[1] if done.missed else 0
         causes = causes_of(stages)
         return [
-            Metric("lines worked on", len(done.lines)),
             Metric("bytes of the buffer missed", missed, good=not missed),
             Metric("bytes of others worked on", sum(size for _, size in done.neighbours),
                    note="harmless to clean, deadly to invalidate"),
             Metric("stale bytes read in the end", stale, good=not stale),
-            Metric("what went wrong", causes[0] if causes else "nothing", good=not causes, note=CAUSES[causes[0]] if causes else ""),
+            Metric("what went wrong", causes[0] if causes else "nothing", good=not causes,
+                   note=CAUSES[causes[0]] if causes else ""),
         ]

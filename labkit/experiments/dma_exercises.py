@@ -35,7 +35,7 @@ def check_rounding(rounded: Callable[[int, int], tuple[int, int]]) -> Verdict:
             address, where = BUFFER + offset, f"for {size} bytes at {BUFFER + offset:#x}"
             start, length = rounded(address, size)
             if start % LINE or length < 0:
-                return Verdict(False, f"{where} your function says {length} bytes from {start:#x}; the address must lie on a line.")
+                return Verdict(False, f"{where} you say {length} bytes from {start:#x}; the address must lie on a line.")
             cache.log.clear()
             cache.write(address, bytes((offset + size + n) % 255 + 1 for n in range(size)))
             wanted = cache.load(address, size)
@@ -87,12 +87,13 @@ def check_receive_driver(driver: Callable[[Cache, Dma, int, bytes], bytes]) -> V
             if not cache.enabled:
                 return Verdict(False, "the cache is off when your driver ends; everybody else pays for that.")
             if got != FRAME or read < len(FRAME):
-                return Verdict(False, f"{scene}: your driver has to call dma.write(...) and return what the CPU then reads, cache.load(...).")
+                return Verdict(False, f"{scene}: your driver has to call dma.write(...) and to return what the CPU then reads, "
+                                      "cache.load(...).")
     return Verdict(True, "right in all nine scenes: three states of the cache, three things that happen meanwhile.")
 
 
 def check_region(region: MpuRegion) -> Verdict:
-    """Exercise 4: an MPU region that lets the driver as generated send from lwIP's heap, whatever the alignment, and covers no more."""
+    """Exercise 4: an MPU region over lwIP's heap, and no more, with which the driver as generated sends from any address."""
     memory, heap = stm32f767((region,)), HEAPS["sram1"]
     kinds = {memory.attribute(at) for at in range(heap, heap + HEAP_SIZE, LINE)}
     for offset in (0, 10, 21):
@@ -103,7 +104,8 @@ def check_region(region: MpuRegion) -> Verdict:
         if said != "session established":
             return Verdict(False, f"a message {offset} bytes behind the start of the heap: the agent says {said!r}.")
     if any(kind.cacheable or kind.device for kind in kinds):
-        return Verdict(False, f"the heap is now {', '.join(sorted(kind.name for kind in kinds))}; all of it should be normal memory, not cacheable.")
+        names = ", ".join(sorted(kind.name for kind in kinds))
+        return Verdict(False, f"the heap is now {names}; all of it should be normal memory, not cacheable.")
     if any(memory.attribute(at) != WRITE_BACK for at in (heap - LINE, heap + HEAP_SIZE)):
         return Verdict(False, "your region covers more than the heap; its neighbours lose the cache without need.")
     return Verdict(True, "the session is established without a single cache operation, and only the heap pays for it.")

@@ -22,8 +22,8 @@ NORMAL_UNCACHED = MpuRegion(1, HEAPS["sram1"], HEAP_SIZE, tex=1, c=0, b=0)
 REGIONS: dict[str, tuple[MpuRegion, ...]] = {"none": (), "source1": SOURCE1_MPU, "heap": (NORMAL_UNCACHED,)}
 ELSEWHERE = 0x2004_0000  # SRAM1, far from the heap: what other work reads
 
-#: CREATE_CLIENT as the agent logged it (source 1, figure 7; one zero of the printed header is missing there and restored by the
-#: submessage's own length): header 80 00 00 00, submessage 00 01 10 00, cookie XRCE, version, vendor, key, session, properties, mtu.
+#: CREATE_CLIENT as the agent logged it (source 1, figure 7; the print lost one zero of the first eight bytes, the submessage's
+#: length tells which): header, submessage (id, flags, length), cookie XRCE, version, vendor, key, session, properties, mtu.
 CREATE_CLIENT = bytes.fromhex("80000000 00011000 58524345 0100 010F 00C93570 81 00 FC01")
 KEY = slice(16, 20)
 
@@ -62,8 +62,8 @@ def send(mpu: Sequence[MpuRegion], driver: str, address: int, other_work: int = 
         pass
     with story.stage("CPU writes", "micro-ROS writes the message CREATE_CLIENT into a packet buffer of lwIP."):
         cache.write(address, CREATE_CLIENT)
-    with story.stage("driver", "low_level_output() hands the buffer to the DMA without any cache operation." if driver == "generated" else
-                     "low_level_output() cleans the buffer's lines before it hands them to the DMA."):
+    cleans = "without any cache operation" if driver == "generated" else "after it has cleaned the buffer's lines"
+    with story.stage("driver", f"low_level_output() hands the buffer to the DMA {cleans}."):
         if driver != "generated":
             cache.clean(address, len(CREATE_CLIENT), round_size=driver == "with_offset")
     with story.stage("other work", f"Before the DMA gets to it, the CPU reads {other_work} KiB of something else."):
@@ -83,14 +83,17 @@ class UrosSession(Experiment):
 
     step: Annotated[int, Interval(ge=0, le=4), Doc("how far the story is told")] = 4
     driver: Annotated[Literal["generated", "size_only", "with_offset"], Labels({
-        "generated": "as generated: no clean", "size_only": "clean, offset forgotten in the size", "with_offset": "clean, size + (addr & 0x1F)"}),
+        "generated": "no clean (as generated)", "size_only": "clean, size only", "with_offset": "clean, size + offset"}),
         Doc("what the Ethernet driver does before it starts the DMA")] = "generated"
     mpu: Annotated[Literal["none", "source1", "heap"], Labels({
-        "none": "none", "source1": "the two of source 1", "heap": "not cacheable, over the heap"}), Doc("MPU regions")] = "source1"
-    heap: Annotated[Literal["sram1", "dtcm"], Labels({"sram1": "SRAM1 at 0x2002 4000", "dtcm": "DTCM at 0x2000 4000"}),
+        "none": "none", "source1": "source 1's two", "heap": "heap not cacheable"}),
+        Doc("MPU regions")] = "source1"
+    heap: Annotated[Literal["sram1", "dtcm"], Labels({"sram1": "SRAM1, 0x2002 4000", "dtcm": "DTCM, 0x2000 4000"}),
                     Doc("where lwIP's packet buffers lie")] = "sram1"
-    offset: Annotated[int, Interval(ge=0, le=31), Unit("bytes"), Doc("where in its cache line the message begins; behind 42 bytes of headers: 10")] = 10
-    other_work: Annotated[int, Interval(ge=0, le=20), Unit("KiB"), Doc("what the CPU reads between the driver's call and the DMA's access")] = 0
+    offset: Annotated[int, Interval(ge=0, le=31), Unit("bytes"),
+                      Doc("where in its cache line the message begins; 42 bytes of headers before it make 10")] = 10
+    other_work: Annotated[int, Interval(ge=0, le=20), Unit("KiB"),
+                          Doc("what the CPU reads between the driver's call and the DMA's access")] = 0
 
     def run(self) -> Sent:
         return send(REGIONS[self.mpu], self.driver, HEAPS[self.heap] + self.offset, self.other_work)
@@ -102,9 +105,9 @@ class UrosSession(Experiment):
 
     def metrics(self, result: Sent) -> list[Metric]:
         stale = sum(v.size for stage in result.stages for v in stage.wrong)
-        said = agent(result.received)
+        said, key = agent(result.received), result.received[KEY]
         return [
             Metric("the agent says", said, good=said == "session established"),
-            Metric("client_key on the wire", result.received[KEY].hex(" ").upper(), good=result.received[KEY] == CREATE_CLIENT[KEY]),
+            Metric("client_key on the wire", key.hex(" ").upper(), good=key == CREATE_CLIENT[KEY]),
             Metric("stale bytes sent", stale, f"of {len(CREATE_CLIENT)}", good=not stale),
         ]
