@@ -24,6 +24,14 @@ MODULES: dict[str, str] = {
     "DmaCoherence": "dma_coherence",
     "Alignment": "dma_coherence",
     "UrosSession": "dma_session",
+    "Schedules": "schedulability",
+    "ResponseBounds": "schedulability",
+    "StarvedPair": "schedulability",
+    "ExpectedTime": "acceptance",
+    "AcceptanceCurves": "acceptance",
+    "PhaseWindows": "taft_phases",
+    "SixDesigns": "taft_phases",
+    "Timeliness": "taft_phases",
 }
 
 

@@ -13,9 +13,13 @@ PALETTE = (BLUE, ORANGE, GREEN, PURPLE, SKY, VERMILION, "#7A5195", "#8B5A2B", "#
 #: Tasks that appear in more than one notebook keep their colour in all of them.
 TASK_COLOURS = {
     "H": VERMILION, "M": ORANGE, "L": BLUE, "IDLE": PALE, "kernel": GREY,
+    "task 1": BLUE, "task 2": ORANGE, "task 3": GREEN,
     "bc_sched": "#4D7C0F", "bc_dist": GREEN, "comm": ORANGE, "ASI_MET": BLUE,
     "wheel_ctrl": BLUE, "w_ctrl": BLUE, "odometry": GREEN, "odom": GREEN, "pose_ctrl": ORANGE, "pose_control": ORANGE, "p_ctrl": ORANGE,
     "hal_fetch": PURPLE, "tsink": SKY, "profile": VERMILION, "recv_vel": "#7A5195", "uros": "#8B5A2B",
+    "LMSInput": SKY, "LMSContourFilter": ORANGE, "LMSContourFilter.arcs": ORANGE, "LMSContourFilter.edges": "#B8860B",
+    "LMSCommunication": PURPLE, "LMSContourFusion": BLUE, "LMSObjectFilter": GREEN, "LMSElementFilter": "#4D7C0F",
+    "LMSElementFusion": "#7A5195", "LMSOutput": GREY,
     "EthIf": "#4D7C0F", "EthLink": "#B03060", "tcpip_thread": "#7A5195", "Tmr Svc": GREY,
 }
 
@@ -23,6 +27,9 @@ TASK_COLOURS = {
 PUBLISHED = {"symbol": "diamond", "size": 14, "color": INK, "line": {"width": 1.5, "color": "white"}}
 #: The same for the one of a pair that is "before": open.
 PUBLISHED_BEFORE = {"symbol": "diamond", "size": 13, "color": "white", "line": {"width": 2.5, "color": INK}}
+
+#: A wide legend in one line at the upper edge. It hangs on the container, because plotly forgets to lift it when it was drawn narrow first.
+LEGEND = {"orientation": "h", "yref": "container", "y": 1.0, "yanchor": "top", "x": 1, "xanchor": "right", "traceorder": "normal"}
 
 
 def colours(names: Iterable[str]) -> dict[str, str]:

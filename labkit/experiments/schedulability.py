@@ -1,0 +1,273 @@
+"""Notebook 07: one task set under rate monotonic, EDF and TAFT; bounds beside simulations; a pair that the plain sum lets starve."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from annotated_types import Interval, MultipleOf, Unit
+from typing_extensions import Doc
+
+from labkit.experiment import Experiment, Labels, Metric, Verdict
+from labkit.figures.margins import Response, responses
+from labkit.figures.schedule import Panel, schedule
+from labkit.scheduler.analysis import (
+    edf_response_times, edf_utilization_test, hyperbolic_test, liu_layland_test, response_time_test, response_times, taft_test, taft_utilization,
+    utilization,
+)
+from labkit.scheduler.execution import log_normal
+from labkit.scheduler.jobs import EP
+from labkit.scheduler.periodic import simulate
+from labkit.scheduler.tasksets import PeriodicTask, TaskPair, log_uniform_periods, rate_monotonic, uunifast, whole_wcets
+from labkit.trace import Trace
+
+MS = 1000  # units of all traces here: microseconds
+HZ = 1000 * MS
+HORIZON, SHOWN = 2000, 42  # ms simulated, ms in the picture
+#: The run times of the contour filter as a share of its longest: the log-normal law of `acceptance.run_times` over 140 ms.
+FILTER_MEDIAN, FILTER_SIGMA = 0.16, 0.627
+
+Work = Annotated[Literal["worst", "filter", "uniform"],
+                 Labels({"worst": "every job takes C", "filter": "random, 90 % below 0.36 C", "uniform": "random, evenly up to C"}),
+                 Doc("how long the jobs take, the same for all policies")]
+Share = Annotated[int, Interval(ge=20, le=100), MultipleOf(10), Unit("%"), Doc("expected time (ECET) of each main part as a share of its C")]
+
+
+def draw(work: str, wcet: int, jobs: int, rng: np.random.Generator) -> np.ndarray:
+    """Execution times of `jobs` jobs, at most `wcet`."""
+    if work == "worst":
+        return np.full(jobs, wcet)
+    if work == "uniform":
+        return rng.integers(1, wcet, jobs, endpoint=True)
+    return log_normal(FILTER_MEDIAN * wcet, FILTER_SIGMA, wcet)(jobs, rng)
+
+
+def count(trace: Trace, *kinds: str) -> int:
+    """Number of rows of these kinds."""
+    return len(trace.rows(*kinds))
+
+
+class Schedules(Experiment):
+    """Which deadlines does a task set meet under RM, EDF and TAFT?
+
+    Two or three periodic tasks, deadlines at the end of the period, all released at 0. RM and EDF know C; TAFT knows the expected
+    time ECET and an exception part, with which it replaces a main part that takes too long. All three get the same jobs.
+    The start values are Buttazzo's set (2,5)(4,7).
+    """
+
+    C1: Annotated[int, Interval(ge=1, le=4), Unit("ms"), Doc("longest execution time of task 1")] = 2
+    T1: Annotated[int, Interval(ge=5, le=12), Unit("ms"), Doc("period of task 1")] = 5
+    C2: Annotated[int, Interval(ge=1, le=5), Unit("ms"), Doc("longest execution time of task 2")] = 4
+    T2: Annotated[int, Interval(ge=7, le=20), Unit("ms"), Doc("period of task 2")] = 7
+    C3: Annotated[int, Interval(ge=0, le=6), Unit("ms"), Doc("longest execution time of task 3; 0: there is none")] = 0
+    T3: Annotated[int, Interval(ge=10, le=40), Unit("ms"), Doc("period of task 3")] = 20
+    ECET: Share = 50
+    EP: Annotated[float, Interval(ge=0, le=1), MultipleOf(0.25), Unit("ms"), Doc("longest time of each exception part")] = 0.5
+    work: Work = "worst"
+    seed: Annotated[int, Interval(ge=0, le=99), Doc("another draw of the random times")] = 0
+
+    def tasks(self) -> list[PeriodicTask]:
+        """What RM and EDF plan with, in microseconds."""
+        rows = ((self.C1, self.T1), (self.C2, self.T2), (self.C3, self.T3))
+        return [PeriodicTask(f"task {i}", c * MS, t * MS) for i, (c, t) in enumerate(rows, start=1) if c]
+
+    def pairs(self) -> list[TaskPair]:
+        """What TAFT plans with."""
+        return [TaskPair(t.name, t.wcet * self.ECET // 100, round(self.EP * MS), t.period) for t in self.tasks()]
+
+    def run(self) -> dict[str, Trace]:
+        rng = np.random.default_rng(self.seed)
+        tasks = self.tasks()
+        times = {t.name: draw(self.work, t.wcet, -(-HORIZON * MS // t.period), rng) for t in tasks}
+        return {policy: simulate(self.pairs() if policy == "taft" else tasks, policy, HORIZON * MS, times, HZ) for policy in ("rm", "edf", "taft")}
+
+    def figure(self, result: dict[str, Trace]) -> dict[str, Any]:
+        titles = {"rm": "Rate monotonic: the shorter period first", "edf": "EDF: the earlier deadline first",
+                  "taft": "TAFT: expected times first, exception parts in time"}
+        panels = [Panel(titles[policy], trace, self._first_miss(trace)) for policy, trace in result.items()]
+        deadlines = {f"task {i}": t * MS for i, t in ((1, self.T1), (2, self.T2), (3, self.T3))}
+        return schedule(panels, deadlines, SHOWN, height=590)
+
+    @staticmethod
+    def _first_miss(trace: Trace) -> tuple[int, str, str] | None:
+        misses = trace.rows("miss")
+        if not len(misses) or misses[0, 0] > SHOWN * MS:
+            return None
+        time, _, task, *_ = misses[0].tolist()
+        return time, trace.names[task].removesuffix(EP), f" misses at {time / MS:g} ms"
+
+    def metrics(self, result: dict[str, Trace]) -> list[Metric]:
+        tasks, pairs = self.tasks(), self.pairs()
+        verdicts = {"RM": response_time_test(rate_monotonic(tasks)), "EDF": edf_utilization_test(tasks), "TAFT": taft_test(pairs)}
+        found = [Metric("worst-case utilisation", 100 * float(utilization(tasks)), "%", note="sum of C / T"),
+                 Metric("expected utilisation", 100 * float(taft_utilization(pairs)), "%", note="sum of (ECET + EP) / T")]
+        for (name, verdict), trace in zip(verdicts.items(), result.values(), strict=True):
+            missed = count(trace, "miss")
+            found.append(Metric(f"{name} missed in {HORIZON // 1000} s", missed, "deadlines", good=not missed, bound=0 if verdict.accepted else None,
+                                note=f"analysis: {'accepted' if verdict.accepted else 'not accepted'}, {verdict.why}"))
+        aborts = 100 * count(result["taft"], "abort") / count(result["taft"], "release")
+        accepted = ", ".join(name for name, verdict in verdicts.items() if verdict.accepted)
+        return [*found, Metric("TAFT aborted", aborts, "% of main parts"), Metric("accepted by analysis", accepted or "none"),
+                Metric("who meets all deadlines", self._without_miss(result))]
+
+    @staticmethod
+    def _without_miss(result: dict[str, Trace]) -> str:
+        return ", ".join(policy.upper() for policy, trace in result.items() if not count(trace, "miss")) or "none"
+
+
+@dataclass(frozen=True)
+class Bounded:
+    """A random task set with, per task in the same order, its bound (None: there is none) and its longest simulated response."""
+
+    tasks: list[PeriodicTask]
+    bound: list[int | None]
+    longest: list[int]
+
+
+class ResponseBounds(Experiment):
+    """How close does a simulation come to what analysis promises?
+
+    A random set of tasks (UUniFast, periods of 10 to 100 ms), simulated over ten of its longest periods, and the bound on each response time: of
+    fixed-priority analysis for RM, of Spuri's for EDF.
+    """
+
+    policy: Annotated[Literal["rm", "edf"], Labels({"rm": "rate monotonic", "edf": "EDF"}), Doc("who runs first")] = "rm"
+    tasks: Annotated[int, Interval(ge=2, le=7), Doc("number of tasks")] = 5
+    utilization: Annotated[int, Interval(ge=30, le=95), MultipleOf(5), Unit("%"), Doc("sum of C / T")] = 75
+    start: Annotated[Literal["together", "spread"], Labels({"together": "all at 0", "spread": "at random"}), Doc("first releases")] = "together"
+    least: Annotated[int, Interval(ge=10, le=100), MultipleOf(10), Unit("% of C"), Doc("the shortest a job takes; the longest is C")] = 100
+    seed: Annotated[int, Interval(ge=0, le=99), Doc("another task set, other times")] = 0
+
+    def run(self) -> Bounded:
+        rng = np.random.default_rng(self.seed)
+        periods = log_uniform_periods(self.tasks, 1, 10, 100, rng)[0] * MS
+        wcets = np.floor(uunifast(self.tasks, self.utilization / 100, 1, rng)[0] * periods).astype(np.int64).clip(1)
+        offsets = (rng.random(self.tasks) * periods).astype(np.int64) * (self.start == "spread")
+        order = np.argsort(periods, kind="stable")
+        tasks = [PeriodicTask(f"{i}", int(wcets[k]), int(periods[k]), offset=int(offsets[k])) for i, k in enumerate(order, start=1)]
+        until = 10 * int(periods.max())
+        times = {t.name: rng.integers(-(-t.wcet * self.least // 100), t.wcet, until // t.period + 1, endpoint=True) for t in tasks}
+        bound = response_times(tasks) if self.policy == "rm" else edf_response_times(tasks)
+        longest = self._longest(simulate(tasks, self.policy, until, times, HZ))
+        return Bounded(tasks, [bound[t.name] for t in tasks], [longest[t.name] for t in tasks])
+
+    @staticmethod
+    def _longest(trace: Trace) -> dict[str, int]:
+        release = {(task, job): at for _, _, task, _, at, job in trace.rows("release").tolist()}
+        longest = dict.fromkeys(trace.names, 0)
+        for time, _, task, _, _, job in trace.rows("complete").tolist():
+            longest[trace.names[task]] = max(longest[trace.names[task]], time - release[task, job])
+        return longest
+
+    def figure(self, result: Bounded) -> dict[str, Any]:
+        rows = [Response(f"T = {t.period / MS:g} ms", None if bound is None else bound / MS, longest / MS, t.deadline / MS)
+                for t, bound, longest in zip(result.tasks, result.bound, result.longest, strict=True)]
+        return responses(rows, height=150 + 46 * len(rows))
+
+    def metrics(self, result: Bounded) -> list[Metric]:
+        ratios = [100 * longest / bound for bound, longest in zip(result.bound, result.longest, strict=True) if bound]
+        late = sum(b is None or b > t.deadline for t, b in zip(result.tasks, result.bound, strict=True))
+        return [
+            Metric("closest to its bound", max(ratios) if ratios else None, "%", bound=100 if ratios else None),
+            Metric("furthest from its bound", min(ratios) if ratios else None, "%", bound=100 if ratios else None),
+            Metric("tasks whose bound is late", late, good=not late, note="bound above the deadline, or none"),
+            Metric("tasks late in the simulation", sum(r > t.deadline for t, r in zip(result.tasks, result.longest, strict=True)), bound=late),
+        ]
+
+
+class StarvedPair(Experiment):
+    """Is a sum of (ECET + EP) / T up to 1 enough for TAFT?
+
+    Two task pairs whose main parts never come to an end by themselves, so that every job is aborted and every exception part runs
+    where it was planned. With the start values the sum is 0.945, and yet a main part gets nothing at all.
+    """
+
+    ECET1: Annotated[int, Interval(ge=1, le=3), Unit("ms"), Doc("expected time of task 1")] = 1
+    EP1: Annotated[int, Interval(ge=0, le=2), Unit("ms"), Doc("exception part of task 1")] = 1
+    T1: Annotated[int, Interval(ge=5, le=12), Unit("ms"), Doc("period of task 1")] = 5
+    ECET2: Annotated[int, Interval(ge=1, le=4), Unit("ms"), Doc("expected time of task 2")] = 1
+    EP2: Annotated[int, Interval(ge=0, le=6), Unit("ms"), Doc("exception part of task 2")] = 5
+    T2: Annotated[int, Interval(ge=10, le=30), Unit("ms"), Doc("period of task 2")] = 11
+
+    def pairs(self) -> list[TaskPair]:
+        """The two pairs, in ms."""
+        return [TaskPair("task 1", self.ECET1, self.EP1, self.T1), TaskPair("task 2", self.ECET2, self.EP2, self.T2)]
+
+    def run(self) -> Trace:
+        until = 2 * self.T1 * self.T2  # every position of the periods to each other, twice
+        return simulate(self.pairs(), "taft", until, {"task 1": [until], "task 2": [until]})
+
+    def shares(self, trace: Trace) -> list[tuple[int, str, int]]:
+        """(abort, task, main time granted until then) of every job aborted, in ms."""
+        switch = trace.rows("switch")
+        task, start, end = switch[:, 2], switch[:, 0], np.append(switch[1:, 0], trace.end)
+        release = {(t, job): at for _, _, t, _, at, job in trace.rows("release").tolist()}
+        found = []
+        for time, _, who, _, _, job in trace.rows("abort").tolist():
+            inside = (task == who) & (start >= release[who, job]) & (end <= time)
+            found.append((time, trace.names[who], int((end - start)[inside].sum())))
+        return found
+
+    def starved(self, trace: Trace) -> list[tuple[int, str, int]]:
+        """Those of them with less than their expected time."""
+        ecet = {p.name: p.ecet for p in self.pairs()}
+        return [(time, name, got) for time, name, got in self.shares(trace) if got < ecet[name]]
+
+    def figure(self, result: Trace) -> dict[str, Any]:
+        hungry = self.starved(result)
+        ecet = {p.name: p.ecet for p in self.pairs()}
+        remark = None
+        if hungry and hungry[0][0] <= SHOWN:
+            time, name, got = hungry[0]
+            remark = time, name, f" had {got} of {ecet[name]} ms"
+        return schedule([Panel("TAFT when every main part takes too long", result, remark)], {p.name: p.deadline for p in self.pairs()}, SHOWN, height=330)
+
+    def metrics(self, result: Trace) -> list[Metric]:
+        pairs, verdict = self.pairs(), taft_test(self.pairs())
+        used, hungry = float(taft_utilization(pairs)), self.starved(result)
+        missed = count(result, "miss")
+        return [
+            Metric("sum of (ECET + EP) / T", used, good=used <= 1, note="necessary; not sufficient"),
+            Metric("accepted by the safe test", verdict.accepted, good=verdict.accepted, note=f"{verdict.test}: {verdict.why}"),
+            Metric("main parts short of their ECET", len(hungry), f"of {count(result, 'abort')}", good=not hungry, bound=0 if verdict.accepted else None),
+            Metric("deadlines missed", missed, good=not missed, bound=0 if verdict.accepted else None),
+        ]
+
+
+def check_rm_misses(answer: Schedules) -> Verdict:
+    """Exercise 1: RM misses, EDF does not, with a worst-case utilisation of at most 92 %."""
+    if answer.work != "worst":
+        return Verdict(False, "let every job take its C: a set is judged by its worst case.")
+    load, result = 100 * float(utilization(answer.tasks())), answer.run()
+    rm, edf = (count(result[policy], "miss") for policy in ("rm", "edf"))
+    told = f"utilisation {load:.1f} %, {rm} misses under RM, {edf} under EDF"
+    if edf or not rm:
+        return Verdict(False, f"{told}; RM is to miss and EDF not.")
+    return Verdict(load <= 92, f"{told}{'' if load <= 92 else '; find a set of at most 92 %'}.")
+
+
+def check_beyond_the_bounds(tasks: Iterable[PeriodicTask]) -> Verdict:
+    """Exercise 2: three tasks with a utilisation of at least 97 % that neither bound accepts and RM schedules."""
+    tasks = rate_monotonic(tasks)
+    load = 100 * float(utilization(tasks))
+    if len(tasks) != 3 or load < 97:
+        return Verdict(False, f"{len(tasks)} tasks with a utilisation of {load:.1f} %; give three with 97 % or more.")
+    accepting = [v.test for v in (liu_layland_test(tasks), hyperbolic_test(tasks)) if v.accepted]
+    if accepting:
+        return Verdict(False, f"{' and '.join(accepting)} accept it.")
+    exact = response_time_test(tasks)
+    return Verdict(exact.accepted, f"{load:.1f} %; both bounds reject it, and exact analysis {'accepts it' if exact.accepted else 'too'}: {exact.why}.")
+
+
+def check_fed_pair(answer: StarvedPair) -> Verdict:
+    """Exercise 4: the longest exception part of task 2 with which nobody starves, all else as given."""
+    if answer != StarvedPair(EP2=answer.EP2):
+        return Verdict(False, "change EP2 only.")
+    hungry = len(answer.starved(answer.run()))
+    if hungry or not taft_test(answer.pairs()).accepted:
+        return Verdict(False, f"with an exception part of {answer.EP2} ms {hungry} main parts get less than their expected time.")
+    longer = StarvedPair(EP2=answer.EP2 + 1)
+    more = taft_test(longer.pairs()).accepted
+    return Verdict(not more, f"{answer.EP2} ms is safe{', but so is 1 ms more' if more else ', and 1 ms more is not'}.")

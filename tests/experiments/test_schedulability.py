@@ -1,0 +1,135 @@
+"""Notebook 07: published answers, what analysis promises against every simulation, and the exercises."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+
+from labkit.data import published_table
+from labkit.experiments import acceptance
+from labkit.experiments.acceptance import LOADS, TESTS, AcceptanceCurves, ExpectedTime, check_expected_time, half, run_times
+from labkit.experiments.schedulability import (
+    HORIZON, MS, ResponseBounds, Schedules, StarvedPair, check_beyond_the_bounds, check_fed_pair, check_rm_misses, count,
+)
+from labkit.scheduler.analysis import taft_test
+from labkit.scheduler.jobs import job_table
+from labkit.scheduler.tasksets import PeriodicTask
+
+
+def test_buttazzos_set_misses_at_7_under_rm_and_never_under_edf():
+    result = Schedules().run()
+    time, _, task, _, deadline, job = result["rm"].rows("miss")[0].tolist()
+    assert (time, result["rm"].names[task], deadline, job) == (7 * MS, "task 2", 7 * MS, 0)
+    assert not count(result["edf"], "miss") and not count(result["taft"], "miss")
+
+
+@settings(max_examples=30)
+@given(Schedules.strategy())
+def test_all_policies_get_the_same_jobs_and_an_accepted_taft_set_gives_every_part_its_expected_time(experiment):
+    result = experiment.run()
+    releases = {policy: [r[0] for r in trace.rows("release").tolist()] for policy, trace in result.items()}
+    assert releases["rm"] == releases["edf"] == releases["taft"]
+    if taft_test(experiment.pairs()).accepted:
+        jobs = job_table(result["taft"])
+        ecet = jobs["task"].map({p.name: p.ecet for p in experiment.pairs()})
+        assert (jobs["main"] >= ecet)[jobs["aborted"].notna()].all()
+
+
+def test_random_times_stay_within_c_and_have_the_shape_of_the_contour_filter():
+    rng = np.random.default_rng(1)
+    from labkit.experiments.schedulability import FILTER_MEDIAN, FILTER_SIGMA, draw
+
+    median, sigma = run_times()
+    assert (FILTER_MEDIAN, FILTER_SIGMA) == (pytest.approx(median / acceptance.WCET, abs=5e-4), pytest.approx(sigma, abs=5e-4))
+    times = draw("filter", 10_000, 20_000, rng)
+    assert times.max() <= 10_000 and np.mean(times < 3600) == pytest.approx(0.9, abs=0.01)
+    assert draw("uniform", 10, 5000, rng).min() == 1 and draw("uniform", 10, 5000, rng).max() == 10
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_released_together_and_taking_c_the_first_jobs_reach_the_bound_of_rm(seed):
+    experiment = ResponseBounds(seed=seed, tasks=4, utilization=70)
+    result = experiment.run()
+    assert result.longest == result.bound
+    spread = ResponseBounds(seed=seed, tasks=4, utilization=70, start="spread", least=50).run()
+    assert all(r <= b for r, b in zip(spread.longest, spread.bound, strict=True))
+
+
+@settings(max_examples=30)
+@given(ResponseBounds.strategy())
+def test_no_response_exceeds_its_bound(experiment):
+    result = experiment.run()
+    assert all(b is None or r <= b for r, b in zip(result.longest, result.bound, strict=True))
+
+
+def test_the_sum_is_not_enough():
+    result = StarvedPair().run()
+    assert StarvedPair().starved(result)[0] == (9, "task 1", 0)
+    assert StarvedPair().measure("sum of (ECET + EP) / T") == pytest.approx(52 / 55)
+
+
+@settings(max_examples=40)
+@given(StarvedPair.strategy())
+def test_starvation_is_exactly_what_the_safe_test_excludes(experiment):
+    """With every main part aborted and released together the plan test is exact in both directions."""
+    verdict = taft_test(experiment.pairs())
+    assert verdict.accepted or verdict.exact
+    short = bool(experiment.starved(experiment.run()))
+    assert not (verdict.accepted and short)
+    assert verdict.accepted or short or count(experiment.run(), "miss") or experiment.measure("sum of (ECET + EP) / T") > 1
+
+
+def test_the_run_times_have_the_two_published_numbers():
+    table = published_table("diplom_measurements.csv").query("experiment == 'contour filter'").set_index("quantity")["value"].astype(float)
+    assert (acceptance.WCET, acceptance.BELOW) == (table["longest run time (one scanner)"], table["90 percent of run times below"])
+    times = np.concatenate([ExpectedTime(seed=s).run().times.ravel() for s in range(5)])
+    assert np.mean(times < acceptance.BELOW) == pytest.approx(acceptance.SHARE, abs=0.01)
+    assert times.max() <= acceptance.WCET
+
+
+@settings(max_examples=15)
+@given(ExpectedTime.strategy())
+def test_an_accepted_set_of_filters_aborts_only_what_takes_longer_than_expected(experiment):
+    result = experiment.run()
+    if taft_test(experiment.pairs()).accepted:
+        assert not count(result.taft, "miss")
+        jobs = job_table(result.taft)
+        longer = {(f"filter {i + 1}", k) for i, k in np.argwhere(result.times > experiment.ECET).tolist()}
+        aborted = jobs[jobs["aborted"].notna()]
+        assert set(zip(aborted["task"], aborted["job"], strict=True)) <= longer
+
+
+def test_acceptance_curves_are_ordered_as_theory_demands():
+    result = AcceptanceCurves(sets=40, EP=10, spread=20).run()
+    ll, hyperbolic, exact, edf, safe, plain = (np.array(result[name]) for name in TESTS)
+    assert (ll <= hyperbolic).all() and (hyperbolic <= exact).all() and (exact <= edf).all() and (safe <= plain).all()
+    assert (safe < plain).any(), "here the safe test must be stricter than the sum"
+    assert edf[LOADS.index(100)] == 100 and edf[LOADS.index(120)] == 0
+
+
+def test_half_is_the_last_load_before_the_fall():
+    assert half([100.0] * 3 + [40.0] + [60.0] * (len(LOADS) - 4)) == LOADS[2]
+    assert half([10.0] * len(LOADS)) is None and half([100.0] * len(LOADS)) == LOADS[-1]
+
+
+def test_exercises_ask_the_model():
+    assert not check_rm_misses(Schedules()).solved  # 97 %
+    assert not check_rm_misses(Schedules(C2=2)).solved  # RM meets all
+    assert not check_rm_misses(Schedules(work="uniform")).solved
+    assert check_rm_misses(Schedules(C1=4, T1=8, C2=5, T2=12)).solved
+    assert not check_beyond_the_bounds([PeriodicTask("a", 1, 4), PeriodicTask("b", 2, 8), PeriodicTask("c", 4, 20)]).solved
+    assert not check_beyond_the_bounds([PeriodicTask("a", 2, 5), PeriodicTask("b", 3, 7), PeriodicTask("c", 4, 24)]).solved
+    assert check_beyond_the_bounds([PeriodicTask("a", 1, 4), PeriodicTask("b", 2, 8), PeriodicTask("c", 8, 16)]).solved
+    assert not check_fed_pair(StarvedPair()).solved
+    assert not check_fed_pair(StarvedPair(EP2=0)).solved
+    assert not check_fed_pair(StarvedPair(EP2=2, T2=20)).solved
+    assert sum(check_fed_pair(StarvedPair(EP2=ep)).solved for ep in range(7)) == 1
+    assert check_beyond_the_bounds([PeriodicTask("a", 2, 5), PeriodicTask("b", 2, 7), PeriodicTask("c", 6, 20)]).solved
+    assert not check_expected_time(ExpectedTime()).solved
+    assert not check_expected_time(ExpectedTime(filters=5, period=210, ECET=42)).solved  # 5 * 42.5 > 210
+    assert not check_expected_time(ExpectedTime(filters=5, period=300, ECET=40)).solved  # longer than need be
+    assert not check_expected_time(ExpectedTime(filters=5, period=160, ECET=31)).solved  # too many aborts
+    assert check_expected_time(ExpectedTime(filters=5, period=210, ECET=41)).solved
+
+
+def test_the_horizon_shows_a_whole_number_of_seconds():
+    assert HORIZON % 1000 == 0  # the metrics say so
