@@ -32,10 +32,10 @@ def check_rounding(rounded: Callable[[int, int], tuple[int, int]]) -> Verdict:
     dma = Dma(cache.memory)
     for offset in range(LINE):
         for size in range(1, 2 * LINE + 2):
-            address, where = BUFFER + offset, f"for {size} bytes at {BUFFER + offset:#x}"
+            address, where = BUFFER + offset, f"for the buffer at {BUFFER + offset:#x} with size {size}"
             start, length = rounded(address, size)
             if start % LINE or length < 0:
-                return Verdict(False, f"{where} you say {length} bytes from {start:#x}; the address must lie on a line.")
+                return Verdict(False, f"{where} you pass {start:#x} and {length}; the address must lie on a line.")
             cache.log.clear()
             cache.write(address, bytes((offset + size + n) % 255 + 1 for n in range(size)))
             wanted = cache.load(address, size)
@@ -102,7 +102,7 @@ def check_region(region: MpuRegion) -> Verdict:
         except ValueError as error:
             return Verdict(False, f"the CPU cannot even write the packet: {error}.")
         if said != "session established":
-            return Verdict(False, f"a message {offset} bytes behind the start of the heap: the agent says {said!r}.")
+            return Verdict(False, f"the message lies at {heap + offset:#x}, and the agent says {said!r}.")
     if any(kind.cacheable or kind.device for kind in kinds):
         names = ", ".join(sorted(kind.name for kind in kinds))
         return Verdict(False, f"the heap is now {names}; all of it should be normal memory, not cacheable.")
