@@ -193,14 +193,15 @@ class MatrixOrders(Experiment):
         data = [{"type": "bar", "x": list(range(6)), "y": [getattr(result[o], cause) for o in ORDERS], "name": cause, "width": 0.62,
                  "marker": {"color": colour}, "hovertemplate": f"{cause}: %{{y}}<extra></extra>"} for cause, colour in CAUSES.items()]
         totals = [result[o].total for o in ORDERS]
-        data.append({"type": "scatter", "mode": "markers+text", "x": list(range(6)), "y": totals, "text": [f"{t:,}".replace(",", "\u202f") for t in totals],
-                     "textposition": "top center", "name": "all misses", "marker": {"symbol": "line-ew", "size": 56, "line": {"width": 4, "color": INK}},
-                     "cliponaxis": False, "hovertemplate": "%{y} misses<extra></extra>"})
+        data.append({"type": "scatter", "mode": "markers", "x": list(range(6)), "y": totals, "name": "all misses", "hovertemplate": "%{y} misses<extra></extra>",
+                     "marker": {"symbol": "line-ew", "size": 56, "line": {"width": 4, "color": INK}}})
+        data.append({"type": "scatter", "mode": "text", "x": list(range(6)), "y": [max(t, result[o].compulsory + result[o].capacity) for t, o in zip(totals, ORDERS, strict=True)],
+                     "text": [f"<b>{t:,}</b>".replace(",", "\u202f") for t in totals], "textposition": "top center", "showlegend": False, "hoverinfo": "skip"})
         lowest, highest = min(0, *(result[o].conflict for o in ORDERS)), max(max(r.total, r.compulsory + r.capacity) for r in result.values())
         return {"data": data, "layout": layout(
             430, barmode="relative", margin={"l": 84, "r": 20, "t": 40, "b": 50},
             xaxis=axis("order of the loops, from outside to inside", tickvals=list(range(6)), ticktext=[f"<b>{' '.join(o)}</b>" for o in ORDERS], showgrid=False),
-            yaxis=axis("lines missed", range=[1.1 * lowest, 1.14 * highest], zeroline=True, zerolinecolor=INK))}
+            yaxis=axis("lines missed", range=[1.1 * lowest, 1.18 * highest], zeroline=True, zerolinecolor=INK))}
 
     def metrics(self, result: dict[str, MissClasses]) -> list[Metric]:
         mine, steps = result[self.order], self.n**3

@@ -15,7 +15,7 @@ from labkit.data import published
 from labkit.experiment import Experiment, Labels, Metric, Verdict
 from labkit.figures.comparison import Bar, Factor, Pair, dumbbells, factors, stacked
 from labkit.figures.curves import Curve, curves
-from labkit.figures.style import BLUE, GREEN, GREY, INK, ORANGE, PALE, SKY, VERMILION, colours, layout
+from labkit.figures.style import BLUE, GREEN, GREY, INK, LEGEND, ORANGE, PALE, SKY, VERMILION, colours, layout
 
 PLATFORMS = ("micro-ROS", "FreeRTOS")
 RATES = ("50|30", "100|50")
@@ -64,8 +64,8 @@ def change(platform: str, name: str, rates: str = "100|50") -> float:
 
 
 GUESSED = {"wheel_ctrl": ("FreeRTOS", "wheel_ctrl"), "odometry": ("FreeRTOS", "odometry"), "pose_ctrl": ("FreeRTOS", "pose_control"),
-           "pose_ctrl_micro_ROS": ("micro-ROS", "p_ctrl"), "link_check": ("micro-ROS", "EthLink")}
-Guess = Annotated[float, Interval(ge=0.5, le=10), MultipleOf(0.5), Unit("times")]
+           "pose_micro_ROS": ("micro-ROS", "p_ctrl"), "link_check": ("micro-ROS", "EthLink")}
+Guess = Annotated[float, Interval(ge=0.5, le=10), MultipleOf(0.5), Unit("×")]
 
 
 class SpeedupGuess(Experiment):
@@ -78,7 +78,7 @@ class SpeedupGuess(Experiment):
     wheel_ctrl: Annotated[Guess, Doc("your guess for the wheel controller under FreeRTOS")] = 1.0
     odometry: Annotated[Guess, Doc("your guess for the odometry under FreeRTOS")] = 1.0
     pose_ctrl: Annotated[Guess, Doc("your guess for the pose controller under FreeRTOS")] = 1.0
-    pose_ctrl_micro_ROS: Annotated[Guess, Doc("your guess for the same controller as a callback under micro-ROS")] = 1.0
+    pose_micro_ROS: Annotated[Guess, Doc("your guess for the same controller as a callback under micro-ROS")] = 1.0
     link_check: Annotated[Guess, Doc("your guess for the task that asks the network chip for its link")] = 1.0
     reveal: Annotated[bool, Doc("show what was measured")] = False
 
@@ -88,7 +88,7 @@ class SpeedupGuess(Experiment):
 
     def figure(self, result: dict[str, tuple[float, ...]]) -> dict[str, Any]:
         colour = colours(name for _, name in GUESSED.values())
-        rows = [Factor(key.replace("_micro_ROS", ", micro-ROS"), result[key] if self.reveal else (), colour[name], getattr(self, key))
+        rows = [Factor(key.replace("pose_micro_ROS", "pose_ctrl, micro-ROS"), result[key] if self.reveal else (), colour[name], getattr(self, key))
                 for key, (_, name) in GUESSED.items()]
         data, axes, shapes = factors(rows, "time without caches / time with caches", 0, 10.2, guess="your guess")
         return {"data": data, "layout": layout(390, **axes, shapes=shapes, barmode="overlay")}
@@ -97,9 +97,9 @@ class SpeedupGuess(Experiment):
         found = []
         for key, values in result.items():
             guess, value = getattr(self, key), sum(values) / len(values)
-            off = max(guess / value, value / guess)
-            found.append(Metric(f"{key.replace('_', ' ')}: off by a factor of", off if self.reveal else None,
-                                good=off <= 1.25 if self.reveal else None, note="your guess against the mean of the two recordings; switch reveal on"))
+            found.append(Metric(key.replace("_", " "), guess, "×", published=round(value, 2) if self.reveal else None,
+                                good=max(guess / value, value / guess) <= 1.25 if self.reveal else None,
+                                note="your guess; good within a quarter of the mean of the two recordings"))
         return found
 
 
@@ -125,13 +125,13 @@ class PublishedSpeedups(Experiment):
         return result
 
     def figure(self, result: dict[str, list[Pair]]) -> dict[str, Any]:
-        title, low, high = (("mean duration [us]", 2, 3000) if self.quantity == "mean" else ("share of all time [%]", 0.01, 400))
+        title, low, high = (("mean duration [us]", 2, 5000) if self.quantity == "mean" else ("share of all time [%]", 0.01, 400))
         series = (f"{RATES[0]} Hz", f"{RATES[1]} Hz")
-        return dumbbells(result, series, title, low, high, height=620 if self.tasks == "all" else 400)
+        return dumbbells(result, series, title, low, high, height=660)
 
     def metrics(self, result: dict[str, list[Pair]]) -> list[Metric]:
-        return [Metric(f"{name}, {platform}, sum at 100|50 Hz", round(change(platform, name), 2), "%", published=printed,
-                       good=abs(change(platform, name) - printed) <= 0.005 + 1e-9, note="caches on against off: recomputed from the table, and as the text prints it")
+        return [Metric(f"{name}, {platform}", round(change(platform, name), 2), "%", published=printed,
+                       good=abs(change(platform, name) - printed) <= 0.005 + 1e-9, note="change of the sum at 100|50 Hz, caches on against off: recomputed from the table, and as the text prints it")
                 for (platform, name), printed in CLAIMS.items()]
 
 
@@ -165,7 +165,7 @@ class TimingModel(Experiment):
     """Which prices make a task three times faster?
 
     One job of a program, priced without and with caches. Only the wait states are known (RM0410); every other slider is an assumption.
-    The dashed red line is the model's speed-up, the diamonds are the robot's tasks.
+    The thick line is the model's speed-up, the diamonds are the robot's tasks.
     """
 
     clock: Clock = 216
@@ -190,13 +190,14 @@ class TimingModel(Experiment):
         off, on = result
         bars = [Bar("caches off", parts(off, INSTRUCTIONS)), Bar("caches on", parts(on, INSTRUCTIONS))]
         high = 1.05 * max(off.total, on.total) / INSTRUCTIONS
-        data, axes = stacked(bars, PARTS, "cycles per instruction", (0, 0.46), high)
+        data, axes = stacked(bars, PARTS, "cycles per instruction", (0, 0.4), high)
         rows = [Factor(f"{name}, {platform}", [measured_factor(platform, name, rates) for rates in RATES], INK)
                 for platform, name in (*[key for key in CLAIMS if key[1] != "IDLE"], ("micro-ROS", "EthIf"), ("micro-ROS", "EthLink"))]
         factor = off.total / on.total
-        more, right, shapes = factors(rows, "time without caches / time with caches", 0, max(8.2, factor * 1.05), (0.62, 1), "2", line=factor)
+        more, right, shapes = factors(rows, "time without caches / time with caches", 0, max(8.2, factor * 1.05), (0.64, 1), "2", line=factor)
         data[-1]["showlegend"] = False
-        return {"data": data + more, "layout": layout(460, **axes, **right, shapes=shapes, barmode="stack")}
+        return {"data": data + more, "layout": layout(460, **axes, **right, shapes=shapes, barmode="stack",
+                                                      margin={"l": 70, "r": 20, "t": 44, "b": 50}, legend=LEGEND)}
 
     def metrics(self, result: tuple[Cost, Cost]) -> list[Metric]:
         off, on = result
@@ -204,9 +205,9 @@ class TimingModel(Experiment):
         factor = off.total / on.total
         return [
             Metric("wait states of the flash", wait_states(self.clock * MHZ), "cycles", note="RM0410, 2.7 to 3.6 V"),
-            Metric("without caches", off.total / INSTRUCTIONS, "cycles per instruction"),
-            Metric("with caches", on.total / INSTRUCTIONS, "cycles per instruction"),
-            Metric("speed-up", factor, "times"),
+            Metric("without caches", off.total / INSTRUCTIONS, "cycles/instr."),
+            Metric("with caches", on.total / INSTRUCTIONS, "cycles/instr."),
+            Metric("speed-up", factor, "×"),
             Metric("measured rows within 10 %", sum(abs(factor / m - 1) <= 0.1 for m in control), f"of {len(control)}",
                    note="control tasks on both platforms, both rates; no single program is all of them"),
         ]
@@ -244,7 +245,7 @@ class Explanations(Experiment):
 
     task: Annotated[Literal["wheel_ctrl", "odometry", "pose_control", "w_ctrl", "odom", "p_ctrl"],
                     Labels({name: f"{name}, {platform}" for name, platform in CONTROL.items()}), Doc("measured at 100|50 Hz")] = "wheel_ctrl"
-    coldness: Coldness = 20
+    coldness: Coldness = 40
     per_instruction: PerInstruction = 1.0
     overhead: Overhead = 2
     uncached_data: UncachedData = 6
@@ -276,10 +277,15 @@ class Explanations(Experiment):
         data, axes = stacked(bars, PARTS, "time of one job at 216 MHz [us]", (0, 0.44), 1.1 * max(result.target[0], result.off.total) / us)
         warm = Explanations(**{**self.model_dump(), "coldness": 0}).run() if self.coldness else result
         at = [s[0] for s in result.slopes]
-        lines = [Curve("caches off, never cold", at, [s[1] for s in warm.slopes], GREY, "dot"), Curve("caches on, never cold", at, [s[2] for s in warm.slopes], GREY, "dash"),
+        lines = [Curve("caches off, never cold", at, [s[1] for s in warm.slopes], GREY, "dash"), Curve("caches on, never cold", at, [s[2] for s in warm.slopes], GREY, "dash"),
                  Curve("caches off", at, [s[1] for s in result.slopes], BLUE), Curve("caches on", at, [s[2] for s in result.slopes], GREEN)]
-        more, right = curves(lines, "flash wait states", "cycles of one job", (0.56, 1), "2", points=[(7, t / JOBS) for t in result.target])
-        return {"data": data + more, "layout": layout(480, **axes, **right, barmode="stack", margin={"l": 70, "r": 20, "t": 64, "b": 50})}
+        more, right = curves(lines, "flash wait states (216 MHz needs 7)", "cycles of one job", (0.56, 1), "2", points=[(7, t / JOBS) for t in result.target], legend=False)
+        notes = [{"text": text, "x": x, "xref": "x2", "y": y, "yref": "y2", "xanchor": side, "yanchor": anchor, "showarrow": False, "font": {"color": colour, "size": 15}}
+                 for text, x, y, side, anchor, colour in (
+                     ("<b>caches off</b>", 0.2, lines[2].y[0], "left", "top", BLUE), ("<b>caches on</b>", 0.2, lines[3].y[0], "left", "top", GREEN),
+                     ("never cold", 3, lines[0].y[3], "right", "bottom", INK))]
+        return {"data": data + more, "layout": layout(450, **axes, **right, annotations=notes, barmode="stack",
+                                                      margin={"l": 70, "r": 20, "t": 44, "b": 50}, legend=LEGEND)}
 
     def metrics(self, result: Explanation) -> list[Metric]:
         work, possible = result.work, result.balance >= 0
@@ -287,8 +293,8 @@ class Explanations(Experiment):
             Metric("explains both times", possible, good=possible, note="if not, the time no cache changes would have to be negative"),
             Metric("instructions of a job", round(work.instructions / JOBS), "", note="follows from the difference of the two times"),
             Metric("time no cache changes", result.balance / JOBS / CLOCK, "us", good=possible),
-            Metric("slope, caches off", work.fetches / JOBS, "cycles per wait state", note="the code reads of a job, F"),
-            Metric("slope, caches on", work.code_fills / JOBS, "cycles per wait state", note="the line fills of a job, M_I"),
+            Metric("slope, caches off", work.fetches / JOBS, "cycles/wait state", note="the code reads of a job, F"),
+            Metric("slope, caches on", work.code_fills / JOBS, "cycles/wait state", note="the line fills of a job, M_I"),
         ]
 
 

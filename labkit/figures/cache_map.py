@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from labkit.cache.geometry import Geometry
-from labkit.figures.style import BLUE, GREEN, GREY, INK, ORANGE, PALE, VERMILION, axis, layout
+from labkit.figures.style import BLUE, GREEN, GREY, INK, LEGEND, PALE, VERMILION, axis, layout
 
 EMPTY, CLEAN, DIRTY = "#f3f5f7", "#BFDDF0", "#F3C969"
 STATES = {"empty": EMPTY, "held": CLEAN, "held and dirty": DIRTY}
@@ -47,7 +47,7 @@ def sentence(timeline: Mapping[str, np.ndarray], step: int) -> str:
     return text
 
 
-def cache_map(timeline: Mapping[str, np.ndarray], step: int, geometry: Geometry, height: int = 620) -> dict[str, Any]:
+def cache_map(timeline: Mapping[str, np.ndarray], step: int, geometry: Geometry, height: int = 560) -> dict[str, Any]:
     """The map after `step` records of `timeline` (a fold of `labkit.cache`), and below every access, done and still to come."""
     line, dirty = contents(timeline, step, geometry)
     state = np.where(line < 0, 0, 1 + dirty)
@@ -86,11 +86,11 @@ def cache_map(timeline: Mapping[str, np.ndarray], step: int, geometry: Geometry,
     every = max(1, geometry.sets // 16)
     top = max(int(offset.max(initial=0)), 1)
     return {"data": data, "layout": layout(
-        height, shapes=shapes, margin={"l": 84, "r": 16, "t": 64, "b": 48}, legend={"orientation": "h", "y": 1.1, "yanchor": "bottom", "x": 1, "xanchor": "right"},
+        height, shapes=shapes, margin={"l": 84, "r": 16, "t": 64, "b": 48}, legend=LEGEND,
         annotations=[{"text": sentence(timeline, step), "xref": "paper", "yref": "paper", "x": 0, "y": 1.015, "xanchor": "left", "yanchor": "bottom",
                       "showarrow": False, "font": {"size": 17}}],
         xaxis=axis("set" + (" (in each cell: last four hex digits of the line's address)" if geometry.sets <= MOST_LABELS else ""), anchor="y",
                    range=[-0.5, geometry.sets - 0.5], tickvals=list(range(0, geometry.sets, every)), showgrid=False, fixedrange=True),
         yaxis=axis("way", anchor="x", domain=[0.56, 1], range=[geometry.ways - 0.5, -0.5], tickvals=list(range(geometry.ways)), showgrid=False, fixedrange=True),
-        xaxis2=axis("access", anchor="y2", range=[0, len(number) + 1]),
-        yaxis2=axis(f"address, from {base:#x} [bytes]" if len(number) else "address [bytes]", anchor="x2", domain=[0, 0.38], range=[-0.06 * top, 1.06 * top]))}
+        xaxis2=axis(f"access (addresses counted from {base:#010x})" if len(number) else "access", anchor="y2", range=[0, len(number) + 1]),
+        yaxis2=axis("address [bytes]", anchor="x2", domain=[0, 0.38], range=[-0.06 * top, 1.06 * top]))}

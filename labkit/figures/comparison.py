@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from math import log10
 from typing import Any
 
-from labkit.figures.style import GREY, INK, PUBLISHED, PUBLISHED_BEFORE, VERMILION, axis, colours, layout
+from labkit.figures.style import GREY, INK, LEGEND, PUBLISHED, PUBLISHED_BEFORE, VERMILION, axis, colours, layout
 
-LIFT = 0.17  # distance of a row's two dumbbells from its middle
+LIFT = 0.21  # distance of a row's two dumbbells from its middle
 
 
 @dataclass(frozen=True)
@@ -36,8 +36,8 @@ def dumbbells(panels: Mapping[str, Sequence[Pair]], series: tuple[str, str], tit
         rows = list(dict.fromkeys(p.row for p in pairs))
         row = {r: len(rows) - 1 - k for k, r in enumerate(rows)}
         colour = colours(rows)
-        start = i * width + (0.08 if i else 0)
-        axes[f"xaxis{n}"] = axis(title, domain=[start, (i + 1) * width - 0.015], type="log", range=[log10(low), log10(high)], anchor=f"y{n}",
+        start = i * width + (0.11 if i else 0)
+        axes[f"xaxis{n}"] = axis(title, domain=[start, (i + 1) * width - 0.03], type="log", range=[log10(low), log10(high)], anchor=f"y{n}",
                                  dtick=1, minor={"dtick": "D1", "showgrid": True, "gridcolor": "#f3f5f7"})
         axes[f"yaxis{n}"] = axis("", range=[-0.6, len(rows) - 0.4], tickvals=list(row.values()), ticktext=[f"<b>{r}</b>" for r in row],
                                  anchor=f"x{n}", showgrid=False, fixedrange=True)
@@ -62,8 +62,7 @@ def dumbbells(panels: Mapping[str, Sequence[Pair]], series: tuple[str, str], tit
                          "hoverinfo": "skip", "cliponaxis": False, "textfont": {"color": [VERMILION if p.before < p.after else INK for p in mine]}, **where})
     for word, marker in (("caches off", PUBLISHED_BEFORE), ("caches on", PUBLISHED)):
         data.append({"type": "scatter", "mode": "markers", "x": [None], "y": [None], "marker": marker, "name": word})
-    return {"data": data, "layout": layout(height, **axes, annotations=notes, margin={"l": 20, "r": 16, "t": 62, "b": 48},
-                                           legend={"orientation": "h", "y": 1.06, "yanchor": "bottom", "x": 1, "xanchor": "right"})}
+    return {"data": data, "layout": layout(height, **axes, annotations=notes, margin={"l": 20, "r": 16, "t": 72, "b": 48}, legend=LEGEND)}
 
 
 @dataclass(frozen=True)

@@ -30,7 +30,7 @@ def curves(lines: Sequence[Curve], x_title: str, y_title: str, domain: tuple[flo
     for line in lines:
         data.append({"type": "scatter", "mode": "lines+markers", "x": list(line.x), "y": list(line.y), "name": line.name, "showlegend": legend,
                      "line": {"color": line.colour, "width": 3, "dash": line.dash},
-                     "marker": {"size": [15 if i == line.mark else 7 for i in range(len(line.x))], "color": line.colour},
+                     "marker": {"size": [15 if i == line.mark else 7 for i in range(len(line.x))], "color": line.colour, "opacity": 1},
                      "hovertemplate": f"{line.name}: %{{y:.4g}} at %{{x}}<extra></extra>", **where})
     if points:
         data.append({"type": "scatter", "mode": "markers", "x": [p[0] for p in points], "y": [p[1] for p in points], "marker": PUBLISHED,
