@@ -21,6 +21,9 @@ EP = ".ep"
 #: More jobs than this are refused: the run would take minutes and gigabytes.
 MAX_JOBS = 20_000_000
 
+#: Longest time: 13 days in nanoseconds, far from where sums leave 64 bits.
+LONGEST = 1 << 50
+
 MP, BEYOND, EXCEPTION = 0, 1, 2  # the part a slice belongs to: main, main beyond its expected time, exception
 
 
@@ -64,6 +67,12 @@ def release_jobs(tasks: Iterable[PeriodicTask | TaskPair], until: int, times: Ma
     stranger = next((name for name in times if all(name != task.name for task in tasks)), None)
     if stranger is not None:
         raise ValueError(f"execution times for {stranger!r}, which is no task; there are {', '.join(task.name for task in tasks)}")
+    clash = next((task.name for task in tasks if any(other.name == task.name + EP for other in tasks)), None)
+    if clash is not None:
+        raise ValueError(f"a task is called {clash + EP!r}, the name of the exception part of {clash!r}; rename it")
+    longest = max(until, *(max(task.period, task.deadline, task.offset) for task in tasks))
+    if longest > LONGEST:
+        raise ValueError(f"a time of {longest} units; at most {LONGEST} are allowed")
     counts = [max(0, -((task.offset - until) // task.period)) for task in tasks]
     if sum(counts) > MAX_JOBS:
         raise ValueError(f"{sum(counts)} jobs until {until}; at most {MAX_JOBS} are simulated at once")
@@ -83,6 +92,8 @@ def _times(task: PeriodicTask | TaskPair, times: Sequence[int] | None, count: in
         raise ValueError(f"task {task.name!r}: its execution times must be one or more whole numbers")
     if given.min() < 1:
         raise ValueError(f"task {task.name!r}: execution time {given.min()} of job {given.argmin()}; it must be at least 1")
+    if given.max() > LONGEST:
+        raise ValueError(f"task {task.name!r}: execution time {given.max()} of job {given.argmax()}; at most {LONGEST} are allowed")
     used = given[:count].astype(np.int64)
     return np.concatenate([used, np.full(count - len(used), given[-1], np.int64)])
 
@@ -114,7 +125,7 @@ def trace_of(jobs: Jobs, outcome: Outcome, names: Sequence[str], priority: np.nd
         names: of the tasks; if any job was or may be aborted, followed by those of the exception parts.
         priority: of each slice, for the `switch` rows.
     """
-    tasks = len(names) // 2 if len(names) > jobs.task.max(initial=0) + 1 and names[-1].endswith(EP) else len(names)
+    tasks = len(names) // 2 if names[-1].endswith(EP) and names[-1].removesuffix(EP) in names else len(names)
     parts = []  # (time, order within the instant, kind, task, other, value, extra)
 
     def add(at: np.ndarray, order: int | np.ndarray, kind: str, task: np.ndarray, other, value, extra) -> None:
@@ -185,16 +196,18 @@ def slices(trace: Trace) -> np.ndarray:
     keep = (task >= 0) & (end > start)
     task, start, end = task[keep], start[keep], end[keep]
     number = np.zeros_like(task)
-    ends, releases = trace.rows("complete", "abort"), trace.rows("release", "abort")
+    ends, begins = trace.rows("complete", "abort"), {kind: trace.rows(kind) for kind in ("release", "abort")}
     for code, name in enumerate(trace.names):
         mine = task == code
-        over = ends[(ends[:, 2] == code)]
-        owner = trace.code(name.removesuffix(EP)) if name.endswith(EP) and name.removesuffix(EP) in trace.names else code
-        begun = releases[(releases[:, 2] == owner) & ((releases[:, 1] == CODE["abort"]) if owner != code else True)]
-        following = over[-1, 5] + 1 if len(over) and owner == code else begun[-1, 5] if owner != code and len(begun) else 0
-        if not len(over) and owner == code and len(begun):
-            following = begun[0, 5]
-        number[mine] = np.append(over[:, 5], following)[np.searchsorted(over[:, 0], start[mine], side="right")]
+        over = ends[ends[:, 2] == code]
+        base = _base(trace, name)
+        if base != name:  # an exception part belongs to the last job aborted
+            begun = begins["abort"][begins["abort"][:, 2] == trace.code(base)]
+            number[mine] = begun[np.searchsorted(begun[:, 0], start[mine], side="right") - 1, 5]
+            continue
+        released = begins["release"][begins["release"][:, 2] == code, 5]  # a slice belongs to the job whose end comes next
+        open_job = released[~np.isin(released, over[:, 5])][:1]
+        number[mine] = np.append(over[:, 5], open_job)[np.searchsorted(over[:, 0], start[mine], side="right")]
     table = np.stack([task, number, start, end], axis=1)
     if not len(table):
         return table
@@ -208,37 +221,45 @@ def slices(trace: Trace) -> np.ndarray:
 def job_table(trace: Trace) -> pd.DataFrame:
     """One row per job of a schedule, by task and number, times in units of the trace.
 
-    Columns: task, job, release, deadline (-1 if the trace ends before anything tells it), end (of the main part or, after an
-    abort, of the exception part), aborted, missed, main and exception (processor time granted to either part). What has not
-    happened is <NA>; `response` is end - release.
+    Columns: task, job, release, deadline (<NA> if nothing in the trace tells it), end (of the main part or, after an abort, of the
+    exception part), aborted, missed, main and exception (processor time granted to either part), response (end - release). What has
+    not happened is <NA>.
     """
     import pandas as pd
 
-    keys = ["task", "job"]
-    names = np.array([name.removesuffix(EP) for name in trace.names], dtype=object)
+    owner = np.array([trace.names.index(_base(trace, name)) for name in trace.names], dtype=np.int64)
+    exception = owner != np.arange(len(owner))
+    released = trace.rows("release")
+    released = released[np.lexsort((released[:, 5], released[:, 2]))]
+    span = int(released[:, 5].max(initial=0)) + 1
+    key = released[:, 2] * span + released[:, 5]
 
-    def events(kind: str, *columns: str) -> pd.DataFrame:
+    def place(task: np.ndarray, job: np.ndarray) -> np.ndarray:
+        return np.searchsorted(key, owner[task] * span + job)
+
+    columns = {name: np.full(len(key), -1) for name in ("deadline", "end", "aborted", "missed")}
+    for kind, column in (("complete", "end"), ("abort", "aborted"), ("miss", "missed")):
         rows = trace.rows(kind)
-        frame = pd.DataFrame({"task": names[rows[:, 2]], "job": rows[:, 5], "at": rows[:, 0], "value": rows[:, 4]})
-        return frame.rename(columns=dict(zip(("at", "value"), columns)))[[*keys, *columns]]
-
-    table = events("release", "at_release", "release")[[*keys, "release"]]
-    ends = pd.concat([events("complete", "end", "deadline"), events("abort", "aborted", "deadline"), events("miss", "missed", "deadline")])
-    ends = ends.groupby(keys, sort=False)[["deadline", "end", "aborted", "missed"]].max().astype("Int64") if len(ends) else ends
+        at = place(rows[:, 2], rows[:, 5])
+        columns[column][at], columns["deadline"][at] = rows[:, 0], rows[:, 4]
     ran = slices(trace)
-    used = pd.DataFrame({"task": names[ran[:, 0]], "job": ran[:, 1], "time": ran[:, 3] - ran[:, 2]})
-    used["part"] = np.where([trace.names[t].endswith(EP) for t in ran[:, 0]], "exception", "main")
-    granted = used.pivot_table(index=keys, columns="part", values="time", aggfunc="sum", fill_value=0)
-    table = table.join(ends if len(ends) else pd.DataFrame(), on=keys) if len(ends) else table
-    table = table.join(granted, on=keys)
-    for column in ("deadline", "end", "aborted", "missed"):
-        table[column] = table[column].astype("Int64") if column in table else pd.array([pd.NA] * len(table), dtype="Int64")
-    for column in ("main", "exception"):
-        table[column] = table[column].fillna(0).astype("int64") if column in table else 0
-    table["response"] = table["end"] - table["release"]
-    order = {name: i for i, name in enumerate(dict.fromkeys(names))}
-    table = table.sort_values(keys, key=lambda column: column.map(order) if column.name == "task" else column, ignore_index=True)
-    return table[[*keys, "release", "deadline", "end", "aborted", "missed", "main", "exception", "response"]]
+    at, part = place(ran[:, 0], ran[:, 1]), exception[ran[:, 0]]
+    main, rescue = np.zeros(len(key), np.int64), np.zeros(len(key), np.int64)
+    np.add.at(main, at[~part], (ran[:, 3] - ran[:, 2])[~part])
+    np.add.at(rescue, at[part], (ran[:, 3] - ran[:, 2])[part])
+
+    def known(values: np.ndarray) -> pd.arrays.IntegerArray:
+        return pd.arrays.IntegerArray(values, values < 0)
+
+    response = np.where(columns["end"] < 0, -1, columns["end"] - released[:, 4])
+    return pd.DataFrame({
+        "task": np.array(trace.names, dtype=object)[released[:, 2]], "job": released[:, 5], "release": released[:, 4],
+        **{name: known(values) for name, values in columns.items()}, "main": main, "exception": rescue, "response": known(response)})
+
+
+def _base(trace: Trace, name: str) -> str:
+    base = name.removesuffix(EP)
+    return base if base in trace.names else name
 
 
 def totals(trace: Trace) -> pd.DataFrame:

@@ -22,7 +22,7 @@ if it is needed at all. Rules 1, 2 and 5 of `labkit.scheduler.periodic` hold; de
 
 A plan reaches into the future without end. `_plan` builds it from a horizon and looks for an instant at which all work may rest even
 if everything up to the horizon is pressed before it; what lies before that instant is the endless plan itself. If the exception
-parts leave no such instant within a long look-ahead (they alone load the processor almost fully), the plan is that from the horizon.
+parts leave no such instant within a long look-ahead (they alone load the processor almost fully), the plan is the pressed one.
 
 Source: diploma thesis on multi-stage sensor fusion (Univ. Magdeburg), section 2.1, which gives the three classes, EDF, and the latest
 release time; the tie rules and rules 5 and 6 are this model's. Not modelled: the cost of switching and of aborting.
@@ -48,9 +48,6 @@ NEVER = 1 << 62
 def schedule_pairs(pairs: Sequence[TaskPair], jobs: Jobs, until: int, hz: int) -> Trace:
     """The TAFT schedule of these jobs from 0 to `until`; names are those of the pairs, then each with `.ep` behind it."""
     names = [pair.name for pair in pairs]
-    clash = next((name for name in names if name + EP in names), None)
-    if clash is not None:
-        raise ValueError(f"a task is called {clash + EP!r}, the name of the exception part of {clash!r}; rename it")
     jobs, outcome = run_pairs(pairs, jobs, until)
     return trace_of(jobs, outcome, [*names, *(name + EP for name in names)], PRIORITY[outcome.part], until, hz)
 
@@ -229,8 +226,8 @@ def _plan(pairs: Sequence[TaskPair], jobs: Jobs, until: int) -> tuple[np.ndarray
     ep = np.array([pair.ep_wcet for pair in pairs])
     if not ep.any():
         return *np.empty((3, 0), np.int64), jobs.deadline.copy()
-    lookahead = 2 * max(pair.period for pair in pairs)
-    for _ in range(6):
+    lookahead, load = 4 * int(ep.sum()), sum(pair.ep_wcet / pair.period for pair in pairs)
+    while True:
         horizon = until + lookahead
         ahead = release_jobs(pairs, horizon, {})
         ahead = ahead.ordered(np.lexsort((-ahead.task, -ahead.release)))  # by urgency on the reversed axis
@@ -238,12 +235,14 @@ def _plan(pairs: Sequence[TaskPair], jobs: Jobs, until: int) -> tuple[np.ndarray
         kept = np.flatnonzero(ep[ahead.task])
         arrivals = kept[np.argsort(-due[kept], kind="stable")]
         who, start, end = dispatch((-due[arrivals]).tolist(), arrivals.tolist(), ep[ahead.task].tolist(), NEVER)
-        rests = -end[:-1][end[:-1] < start[1:]]  # gaps in the plan, by their end in forward time
-        if len(rests) and rests[0] >= until:
+        rests = -np.append(-horizon, end[:-1])[np.append(-horizon, end[:-1]) < start]  # gaps in the plan, by their end in forward time
+        if not len(who) or (len(rests) and rests[0] > until):
             break
         lookahead *= 4
+        if load >= 1 or sum(lookahead // pair.period for pair in pairs) > 500_000 + 4 * len(jobs):
+            break
     task, number = ahead.task[who], ahead.number[who]
-    shape = len(pairs), int(ahead.number.max()) + 1
+    shape = len(pairs), int(ahead.number.max(initial=0)) + 1
     first, rank = np.zeros(shape, np.int64), np.full(shape, len(jobs))
     first[task, number] = -end  # of repeated indices the last one counts, in forward time the first
     rank[jobs.task, jobs.number] = np.arange(len(jobs))

@@ -1,13 +1,14 @@
 """TAFT: the engine against its rules executed unit by unit, and the guarantees on random sets."""
 
-from math import lcm
+from itertools import product
+from math import gcd, lcm
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from labkit.scheduler.analysis import taft_plan_test, taft_test, taft_utilization
+from labkit.scheduler.analysis import taft_demand_test, taft_plan_test, taft_test, taft_utilization
 from labkit.scheduler.jobs import EP, job_table, slices, totals
 from labkit.scheduler.periodic import simulate
 from labkit.scheduler.tasksets import TaskPair
@@ -178,3 +179,158 @@ def test_the_engine_does_what_the_rules_say_unit_by_unit(drawn, until):
         return
     trace = simulate(pair_list, "taft", until, {p.name: t for p, t in zip(pair_list, times, strict=True)})
     assert as_units(trace, len(pair_list), until) == by_the_rules(pair_list, until, times)
+
+
+# ---------------------------------------------------------------- what is promised of accepted sets, on random ones
+
+MINIMUM_JOBS = 100_000
+
+
+def random_pairs(rng, count, load):
+    """Pairs of utilisation `load` together, some with tight deadlines and offsets, that the acceptance test takes."""
+    while True:
+        periods = rng.choice([200, 250, 400, 500, 800, 1000, 2000], count)
+        shares = rng.dirichlet(np.ones(count)) * load
+        made = []
+        for i, (period, share) in enumerate(zip(periods.tolist(), shares.tolist(), strict=True)):
+            demand = max(2, int(period * share))
+            ep = int(rng.integers(0, max(1, demand // int(rng.integers(2, 12))) + 1))
+            ecet = max(1, demand - ep)
+            deadline = int(rng.integers(min(period, ecet + ep), period + 1)) if rng.random() < 0.3 else period
+            made.append(TaskPair(f"p{i}", ecet, ep, period, deadline, int(rng.integers(0, period))))
+        if taft_test(made):
+            return made
+
+
+def check_promises(pair_list, trace):
+    """Every promise, by the trace alone; returns the number of jobs and of aborts."""
+    jobs = job_table(trace)
+    by_name = {p.name: p for p in pair_list}
+    ecet = jobs["task"].map({n: p.ecet for n, p in by_name.items()})
+    ep = jobs["task"].map({n: p.ep_wcet for n, p in by_name.items()})
+    due = jobs["release"] + jobs["task"].map({n: p.deadline for n, p in by_name.items()})
+    over = due <= trace.end
+    assert not jobs["missed"].notna().any()
+    assert (jobs["end"][over] <= due[over]).all() and jobs["end"][over].notna().all()
+    fell = jobs["aborted"].notna()
+    assert (jobs["main"][fell] >= ecet[fell]).all()
+    assert (jobs["exception"][~fell] == 0).all()
+    recovered = fell & jobs["end"].notna()
+    assert (jobs["exception"][recovered] == ep[recovered]).all()
+    ran = slices(trace)
+    exceptional = ran[ran[:, 0] >= len(pair_list)]
+    aborted_at = jobs.set_index(["task", "job"])["aborted"]
+    for who, job, start, _ in exceptional.tolist():
+        assert start >= aborted_at[trace.names[who].removesuffix(EP), job]
+
+    # work conserving: when nothing runs, all released jobs have ended
+    busy_until = np.append(0, ran[:, 3])
+    next_start = np.append(ran[:, 2], trace.end)
+    ends = np.sort(jobs["end"].dropna().to_numpy(np.int64))
+    releases = np.sort(jobs["release"].to_numpy())
+    idle = next_start > busy_until
+    assert (np.searchsorted(releases, next_start[idle], "left") == np.searchsorted(ends, busy_until[idle], "right")).all()
+
+    check_latest(pair_list, trace, jobs, due.to_numpy(), ep.to_numpy())
+    return len(jobs), int(fell.sum())
+
+
+def check_latest(pair_list, trace, jobs, due, ep):
+    """No abort could have come later: from it to some deadline d the exception parts that may be needed fill all the time.
+
+    Those are the parts of jobs due by d that have not completed before; what a part has run before counts as done.
+    """
+    release, end = jobs["release"].to_numpy(), jobs["end"].fillna(1 << 60).to_numpy(np.int64)
+    aborted = jobs["aborted"].fillna(1 << 60).to_numpy(np.int64)
+    main_end = np.where(aborted < 1 << 60, 1 << 60, end)
+    number = {key: i for i, key in enumerate(zip(jobs["task"], jobs["job"], strict=True))}
+    done = [[] for _ in range(len(jobs))]
+    for who, job, start, stop in slices(trace).tolist():
+        if who >= len(pair_list):
+            done[number[trace.names[who].removesuffix(EP), job]].append((start, stop))
+    longest = max(p.period for p in pair_list)
+    for i in np.flatnonzero((aborted < 1 << 60) & (ep > 0)):
+        now = aborted[i]
+        if now + 3 * longest > trace.end:
+            continue  # jobs released after the end of the trace are not in it
+        near = np.flatnonzero((due > now) & (due <= now + 2 * longest) & (main_end > now) & (end > now))
+        left = np.array([ep[k] - sum(min(stop, now) - start for start, stop in done[k] if start < now) for k in near])
+        order = np.argsort(due[near], kind="stable")
+        demand, room = np.cumsum(left[order]), due[near][order] - now
+        last = np.append(np.diff(room) > 0, True)
+        assert (demand[last] <= room[last]).all() and (demand[last] == room[last]).any()
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_accepted_sets_keep_every_promise(seed):
+    rng = np.random.default_rng(seed)
+    jobs = aborts = 0
+    while jobs < MINIMUM_JOBS // 4:
+        pair_list = random_pairs(rng, int(rng.integers(2, 9)), rng.uniform(0.5, 0.97))
+        times = {p.name: rng.integers(1, int(p.ecet * rng.choice([1.2, 3, 20])) + 1, 300) for p in pair_list}
+        trace = simulate(pair_list, "taft", int(2500 / sum(1 / p.period for p in pair_list)), times)
+        some_jobs, some_aborts = check_promises(pair_list, trace)
+        jobs, aborts = jobs + some_jobs, aborts + some_aborts
+    assert aborts > 1000
+
+
+def test_the_promises_are_checked():
+    """The checks see what they must: a schedule of a set that no test accepts breaks them."""
+    starved = pairs((1, 1, 5), (1, 5, 11))
+    with pytest.raises(AssertionError):
+        check_promises(starved, simulate(starved, "taft", 550, {"p0": [9], "p1": [99]}))
+
+
+# ---------------------------------------------------------------------- how far the acceptance tests are from exact
+
+
+def keeps(pair_list, until, needs):
+    """Whether a run gives every main part what it needs or its ECET, and has no late exception part."""
+    trace = simulate(pair_list, "taft", until, {p.name: need for p, need in zip(pair_list, needs, strict=True)})
+    granted = dict.fromkeys(((who, job) for _, _, who, _, _, job in trace.rows("abort").tolist()), 0)
+    for who, job, start, end in slices(trace).tolist():
+        if (who, job) in granted:
+            granted[who, job] += end - start
+    return not len(trace.rows("miss")) and all(time >= pair_list[who].ecet for (who, _), time in granted.items())
+
+
+ROWS = [(c, e, t) for t in range(2, 7) for c in range(1, t + 1) for e in range(t - c + 1)]
+SETS = [pairs(a, b) for a in ROWS for b in ROWS if a[2] <= b[2] and taft_utilization(pairs(a, b)) <= 1]
+
+
+def test_how_far_the_acceptance_tests_are_from_exact():
+    """All sets of two pairs with periods 2 to 6 and a utilisation up to 1, which EDF with C = ECET + EP could all schedule.
+
+    `together`: TAFT keeps its promises, tried by a run through one cycle with endless main parts, released together. `any`: so it does
+    for all offsets, all different ones tried. The plan test is exact for the first, the demand test sufficient for the second; at
+    full utilisation (True) it mostly cannot tell.
+    """
+    sets, count = {}, {}
+    for pair_list in SETS:
+        full = taft_utilization(pair_list) == 1
+        cycle = lcm(*(p.period for p in pair_list))
+        a, b = pair_list
+        moved = [[a, TaskPair(b.name, b.ecet, b.ep_wcet, b.period, offset=o)] for o in range(1, gcd(a.period, b.period))]
+        together = keeps(pair_list, cycle, [[99]] * 2)
+        whenever = together and all(keeps(others, 3 * cycle, [[99]] * 2) for others in moved)
+        plan, demand = bool(taft_plan_test(pair_list)), bool(taft_demand_test(pair_list))
+        assert plan == together and whenever >= demand
+        sets[full] = sets.get(full, 0) + 1
+        for name, yes in (("together", together), ("any", whenever), ("plan", plan), ("demand", demand)):
+            count[full, name] = count.get((full, name), 0) + yes
+    assert sets == {True: 89, False: 154}
+    assert count == {
+        (False, "together"): 154, (False, "any"): 154, (False, "plan"): 154, (False, "demand"): 125,
+        (True, "together"): 85, (True, "any"): 85, (True, "plan"): 85, (True, "demand"): 20,
+    }  # fmt: skip
+
+
+def test_endless_main_parts_are_the_worst_case():
+    """Of sets that keep their promises with endless main parts, every mixture of short and long ones does, job by job."""
+    for pair_list in SETS:
+        cycle = lcm(*(p.period for p in pair_list))
+        if cycle > 6 or not keeps(pair_list, cycle, [[99]] * 2):
+            continue
+        counts = [cycle // p.period for p in pair_list]
+        for needs in product((1, 99), repeat=sum(counts)):
+            assert keeps(pair_list, cycle, [needs[: counts[0]], needs[counts[0]:]])
