@@ -113,6 +113,21 @@ def _cache(args: argparse.Namespace) -> None:
         print(f"    {name.replace('_', ' ')}: {counts[name]}")
 
 
+def _schedule(args: argparse.Namespace) -> None:
+    from labkit.scheduler.taskfile import schedule, write_schedule
+
+    with open(args.tasks, encoding="utf-8") as file:
+        try:
+            data = json.load(file)
+        except (ValueError, RecursionError) as error:
+            raise ValueError(f"{args.tasks} is not JSON: {error}") from None
+    verdict, trace = schedule(data, args.policy, args.until)
+    if args.trace:
+        with open(args.trace, "w", encoding="utf-8", newline="") as file:
+            write_schedule(trace, file)
+    _print_json(verdict)
+
+
 def parser() -> argparse.ArgumentParser:
     """The commands and their options."""
     top = argparse.ArgumentParser(prog="labkit", description="The Real-Time Lab on the command line.")
@@ -138,6 +153,11 @@ def parser() -> argparse.ArgumentParser:
     c.add_argument("scenario", metavar="SCENARIO.json")
     c.add_argument("--timeline", metavar="T.csv", help="who consumed each tick: start,end,task")
     c.add_argument("--events", metavar="E.csv", help="every kernel event: tick,event,task,detail")
+    c = add("schedule", _schedule, "schedule a set of periodic tasks and print as JSON whether its acceptance test takes it")
+    c.add_argument("tasks", metavar="TASKS.json", help="tasks with name, period, deadline, offset, times, and wcet or (taft) ecet and ep_wcet")
+    c.add_argument("--policy", required=True, choices=("rm", "dm", "edf", "taft"))
+    c.add_argument("--until", required=True, type=int, metavar="N", help="length of the schedule in time units")
+    c.add_argument("--trace", metavar="OUT.csv", help="write who ran when: task,job,part,event,start,end")
     c = add("cache", _cache, "count the hits and misses of a recorded trace of data references")
     c.add_argument("trace", metavar="TRACE.npz", help="arrays op (uint8: 1 store, 2 load, 3 modify), addr (uint64), size (uint8)")
     c.add_argument("--size", type=int, default=16384, metavar="BYTES", help="capacity of the cache (default: %(default)s)")

@@ -78,3 +78,41 @@ def test_trace_prints_statistics_and_every_repair(tmp_path, capsys):
     assert any(event.get("name") == "Tmr Svc" for event in json.loads(out.read_text())["traceEvents"])
     assert main(["trace", str(log), "--export", str(tmp_path / "run.xlsx")]) == 1
     assert "it is one of .json, .csv" in capsys.readouterr().err
+
+
+BUTTAZZO = {"tasks": [{"name": "a", "period": 5, "deadline": 5, "offset": 0, "times": [2], "wcet": 2, "ecet": 1, "ep_wcet": 1},
+                      {"name": "b", "period": 7, "deadline": 7, "offset": 0, "times": [4], "wcet": 4, "ecet": 2, "ep_wcet": 1}]}
+
+
+@pytest.mark.parametrize(("policy", "accepted"), [("rm", False), ("dm", False), ("edf", True), ("taft", True)])
+def test_schedule_judges_a_set_and_writes_who_ran_when(policy, accepted, tmp_path, capsys):
+    tasks, out = tmp_path / "tasks.json", tmp_path / "out.csv"
+    tasks.write_text(json.dumps(BUTTAZZO))
+    assert main(["schedule", str(tasks), "--policy", policy, "--until", "35", "--trace", str(out)]) == 0
+    verdict = json.loads(capsys.readouterr().out)
+    assert verdict["accepted"] is accepted and verdict["test"] and verdict["why"]
+    with open(out, newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert list(rows[0]) == ["task", "job", "part", "event", "start", "end"]
+    missed = [row for row in rows if row["event"] == "miss"]
+    assert [(row["task"], row["start"]) for row in missed[:1]] == ([] if accepted else [("b", "7")])
+    ran = sum(int(row["end"]) - int(row["start"]) for row in rows if row["event"] == "run")
+    assert 0 < ran <= 35 and sum(row["event"] == "release" for row in rows) == 7 + 5
+
+
+@pytest.mark.parametrize(("text", "sentence"), [
+    ("{", "is not JSON"), ("[" * 100_000, "is not JSON"), ("[]", "a task set is an object"),
+    (json.dumps({"tasks": [{"name": "a", "period": 0, "wcet": 1}]}), "task 'a': period is 0"),
+    (json.dumps({"tasks": [{"name": "a", "period": 5, "wcet": 7}]}), "wcet 7 exceeds its deadline 5 by 2"),
+])
+def test_schedule_says_what_is_wrong_with_a_task_set(text, sentence, tmp_path, capsys):
+    tasks = tmp_path / "tasks.json"
+    tasks.write_text(text)
+    assert main(["schedule", str(tasks), "--policy", "edf", "--until", "35"]) == 1
+    error = capsys.readouterr().err
+    assert sentence in error and error.count("\n") == 1
+
+
+def test_schedule_without_the_file(capsys):
+    assert main(["schedule", "nowhere.json", "--policy", "edf", "--until", "35"]) == 1
+    assert "nowhere.json" in capsys.readouterr().err

@@ -13,7 +13,7 @@ from typing_extensions import Doc
 from labkit.experiment import Experiment, Metric, Verdict, progress
 from labkit.figures.curves import Curve, curves
 from labkit.figures.margins import reserve
-from labkit.figures.style import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, VERMILION, layout
+from labkit.figures.style import BLUE, GREEN, GREY, INK, LEGEND, ORANGE, PURPLE, VERMILION, layout
 from labkit.scheduler.analysis import (
     UndecidedError, accept_edf, accept_hyperbolic, accept_liu_layland, taft_demand_test, taft_test, taft_utilization,
 )
@@ -133,7 +133,7 @@ class AcceptanceCurves(Experiment):
     ECET: Annotated[int, Interval(ge=10, le=100), MultipleOf(5), Unit("% of C"), Doc("expected time of a main part")] = 35
     EP: Annotated[int, Interval(ge=0, le=30), Unit("% of C"), Doc("exception part")] = 5
     spread: Annotated[int, Interval(ge=1, le=50), Doc("longest period over the shortest")] = 10
-    sets: Annotated[int, Interval(ge=20, le=80), MultipleOf(20), Doc("task sets of each point that TAFT's tests get")] = 60
+    sets: Annotated[int, Interval(ge=20, le=60), MultipleOf(20), Doc("task sets of each point that TAFT's tests get")] = 40
     seed: Annotated[int, Interval(ge=0, le=99), Doc("other task sets")] = 0
 
     def run(self) -> dict[str, list[float]]:
@@ -170,7 +170,7 @@ class AcceptanceCurves(Experiment):
         lines = [Curve(name, LOADS, result[name], colour, dash) for name, (colour, dash) in TESTS.items()]
         data, axes = curves(lines, "utilisation by worst-case times [%]", "accepted sets [%]", y_range=(-3, 106), range=[46, 284], dtick=20, tick0=60)
         whole = {"type": "line", "x0": 100, "x1": 100, "yref": "paper", "y0": 0, "y1": 1, "line": {"color": INK, "width": 1.5, "dash": "dot"}}
-        return {"data": data, "layout": layout(500, **axes, shapes=[whole], margin={"l": 70, "r": 20, "t": 76, "b": 54})}
+        return {"data": data, "layout": layout(500, **axes, shapes=[whole], legend=LEGEND, margin={"l": 70, "r": 20, "t": 40, "b": 54})}
 
     def metrics(self, result: dict[str, list[float]]) -> list[Metric]:
         return [Metric(f"half: {name}", half(result[name]), "%", note="utilisation up to which at least half of the sets are accepted") for name in TESTS]

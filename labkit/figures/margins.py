@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from labkit.figures.style import BLUE, GREEN, GREY, INK, ORANGE, PALE, VERMILION, axis, layout
+from labkit.figures.style import BLUE, GREEN, GREY, INK, LEGEND, ORANGE, PALE, VERMILION, axis, layout
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ def responses(rows: Sequence[Response], height: int = 430) -> dict[str, Any]:
          "hoverinfo": "skip", "textfont": {"color": INK}},
     ]
     return {"data": data, "layout": layout(
-        height, barmode="overlay", xaxis=axis("response time [ms]", range=[0, 1.16 * most]), margin={"l": 80, "r": 16, "t": 46, "b": 54},
+        height, barmode="overlay", legend=LEGEND, xaxis=axis("response time [ms]", range=[0, 1.16 * most]), margin={"l": 80, "r": 16, "t": 46, "b": 54},
         yaxis=axis("", tickvals=at, ticktext=[f"<b>{r.name}</b>" for r in rows], range=[-0.6, len(rows) - 0.4], showgrid=False, fixedrange=True))}
 
 
@@ -86,7 +86,7 @@ def reserve(times: np.ndarray, longest: float, expected: float, published: tuple
          "line": {"color": INK, "width": 4}, "hoverinfo": "skip"},
     ]
     return {"data": data, "layout": layout(
-        height, barmode="stack", margin={"l": 64, "r": 16, "t": 46, "b": 54},
+        height, barmode="stack", legend=LEGEND, margin={"l": 64, "r": 16, "t": 46, "b": 54},
         xaxis=axis("run time of a contour filter [ms]", domain=[0, 0.44], range=[0, longest + 5]), yaxis=axis("share of the jobs [%]", range=[0, 104]),
         xaxis2=axis("processor time in a period [ms]", domain=[0.6, 1], range=[0, right], anchor="y2"),
         yaxis2=axis("", tickvals=where, ticktext=[f"<b>{name}</b>" for name, _ in needs], range=[-0.6, len(needs) - 0.2], showgrid=False, fixedrange=True,

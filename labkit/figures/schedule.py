@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from labkit.figures.style import GREY, INK, VERMILION, axis, colours, layout
+from labkit.figures.style import GREY, INK, LEGEND, VERMILION, axis, colours, layout
 from labkit.scheduler.jobs import EP
 from labkit.trace import Trace
 
@@ -57,7 +57,7 @@ def schedule(panels: Sequence[Panel], deadlines: Mapping[str, int], end: float, 
                           "showarrow": False, "bgcolor": "rgba(255,255,255,0.88)", "font": {"size": 15, "color": VERMILION}})
     return {"data": data, "layout": layout(
         height, **axes, xaxis=axis("time [ms]", range=[0, end], anchor=f"y{len(panels) if len(panels) > 1 else ''}", automargin=False),
-        barmode="overlay", annotations=notes, margin={"l": 80, "r": 16, "t": 34, "b": 58})}
+        barmode="overlay", annotations=notes, legend=LEGEND, margin={"l": 80, "r": 16, "t": 34, "b": 58})}
 
 
 def _ms(trace: Trace, time: Any) -> Any:
