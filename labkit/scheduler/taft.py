@@ -116,35 +116,37 @@ class _Run:
         settled = [False] * (n + 1)  # complete, or its bound is among the alarms
         order, first = [*self.order.tolist(), n], [*np.array(self.bound, np.int64)[self.order].tolist(), NEVER]
         keys, starts, ends = self.keys.append, self.starts.append, self.ends.append
-        at = 0
+        at = alarm = 0  # `alarm`: nothing is due before; raised when it is reached, for jobs settle without telling
         arrivals = self.jobs.arrivals
         releases = self.jobs.release[arrivals].tolist()
         for arrived, now, upcoming in zip(arrivals.tolist(), releases, [*releases[1:], self.until]):
             heappush(ready, arrived)
             while now < upcoming:
-                while settled[order[at]]:
-                    at += 1
-                alarm = alarms[0][0] if alarms[0][0] < first[at] else first[at]
-                if alarm <= now:
-                    now = self._except(now, upcoming, settled)
-                    continue
-                if not ready:
-                    now = alarm if alarm < upcoming else upcoming
-                    continue
+                key = ready[0] if ready else -1
+                end = now + left[key] if ready else upcoming
+                if end > alarm:
+                    while settled[order[at]]:
+                        at += 1
+                    alarm = first[at] if first[at] < alarms[0][0] else alarms[0][0]
+                    if alarm <= now:
+                        now, alarm = self._except(now, upcoming, settled), 0
+                        continue
                 stop = alarm if alarm < upcoming else upcoming
-                key = ready[0]
+                if key < 0:
+                    now = stop
+                    continue
                 keys(key)
                 starts(now)
-                now += left[key]
-                if now <= stop:
+                if end <= stop:
                     heappop(ready)
                     left[key] = 0
                     if key < n and left[key + n]:
                         heappush(ready, key + n)
                     else:
                         settled[key % n] = True
+                    now = end
                 else:
-                    left[key] = now - stop
+                    left[key] = end - stop
                     now = stop
                 ends(now)
         self._except(self.until, self.until, settled)  # what is due at the end of the schedule
@@ -204,6 +206,8 @@ class _Run:
                 break
             horizon = max(horizon, deadline[job])
             windows.append((release[job], self.task[job], deadline[job], self.ep_left[job], job))
+        if not windows:
+            return []
         empty = [(due, due, job) for _, _, due, length, job in windows if not length]
         for i in range(bisect_left(self.slot_ends, now), len(self.slot_ends)):
             start, end, job = self.slot_starts[i], self.slot_ends[i], self.slot_jobs[i]
@@ -211,6 +215,9 @@ class _Run:
                 break
             if release[job] > now:  # it stays where it is, whatever happens before its release
                 windows.append((release[job], self.task[job], end, end - start, -1))
+        if len(windows) == 1:  # by far the most frequent case; it needs no plan
+            _, _, due, length, job = windows[0]
+            return [(due - length, due, job)]
         windows.sort()
         planned = latest_slots([(released, due, length) for released, _, due, length, _ in windows])
         return sorted([*((start, end, windows[i][4]) for start, end, i in planned if windows[i][4] >= 0), *empty])

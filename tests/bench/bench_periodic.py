@@ -21,7 +21,7 @@ def job_set(policy, tasks):
         made = [TaskPair(f"t{i}", d - d // 10, d // 10, p) for i, (d, p) in enumerate(zip(demand, periods, strict=True))]
     else:
         made = [PeriodicTask(f"t{i}", d, p) for i, (d, p) in enumerate(zip(demand, periods, strict=True))]
-    times = {t.name: rng.integers(1, 2 * t.ecet if policy == "taft" else t.wcet, JOBS // tasks, endpoint=True) for t in made}
+    times = {t.name: rng.integers(1, 2 * t.ecet if policy == "taft" else t.wcet, JOBS, endpoint=True) for t in made}
     return made, int(JOBS / sum(1 / p for p in periods)), times
 
 
