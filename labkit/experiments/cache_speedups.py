@@ -173,7 +173,7 @@ class TimingModel(Experiment):
     overhead: Overhead = 2
     uncached_data: UncachedData = 6
     data_fill: DataFill = 12
-    coldness: Coldness = 40
+    coldness: Coldness = 60
     passes: Annotated[int, Interval(ge=1, le=20), Doc("how often a job runs through its code: 1 is straight on, 20 a loop")] = 1
     fetches_per_100: Annotated[int, Interval(ge=41, le=56), Unit("reads"), Doc("64-bit reads of code per 100 instructions")] = 48
     insensitive: Annotated[int, Interval(ge=0, le=300), MultipleOf(10), Unit("%"), Doc("time no cache changes, in % of the pure computing")] = 0
