@@ -5,6 +5,7 @@ Knows the `Experiment` contract and nothing of any particular experiment.
 
 from __future__ import annotations
 
+import functools
 import html
 import threading
 import traceback
@@ -16,6 +17,7 @@ import anywidget
 import ipywidgets as w
 import numpy as np
 import plotly.graph_objects as go
+import traitlets
 
 from labkit.experiment import Experiment, Metric, Parameter, ParameterError, Superseded, progress_listener
 
@@ -48,26 +50,83 @@ FONT = 15
 
 
 class Fit(anywidget.AnyWidget):
-    """Invisible; brings the style of the bench and tells plotly, which only listens to the window, when the bench changes its width."""
+    """Invisible; brings the style of the bench and tells plotly, which only listens to the window, when the bench changes its width.
+
+    It also notices a figure that arrived empty, which happens to the first ones of a page, and reports it.
+    """
 
     _css = STYLE
     _esm = """
-    export default { render({ el }) {
-        let width = 0;
-        const fit = () => {
+    export default { render({ model, el }) {
+        let width = 0, reported = null;
+        const check = (tries) => {
             window.dispatchEvent(new Event("resize"));
-            const drawn = el.closest(".lab-bench")?.querySelector(".main-svg")?.clientWidth ?? 0;
-            if (el.isConnected && Math.abs(drawn - width) > 40) setTimeout(fit, 250);  // the figure is still being loaded
+            const plot = el.closest(".lab-bench")?.querySelector(".js-plotly-plot");
+            const empty = plot?.data?.length === 0;
+            if (empty && plot !== reported) {  // its content came while the page was still loading what draws it
+                reported = plot;
+                model.send({ empty: true });
+            }
+            const drawn = plot?.querySelector(".main-svg")?.clientWidth ?? 0;
+            if (el.isConnected && tries && (empty || Math.abs(drawn - width) > 40)) setTimeout(check, 250, tries - 1);
         };
         const observer = new ResizeObserver(([box]) => {
             if (box.contentRect.width === width) return;
             width = box.contentRect.width;
-            requestAnimationFrame(fit);
+            requestAnimationFrame(() => check(80));
         });
         observer.observe(el);
         return () => observer.disconnect();
     } };
     """
+
+
+class Plotly(anywidget.AnyWidget):
+    """Invisible; brings plotly's code, 5 MB, to the page once. A FigureWidget of its own accord brings it once per figure."""
+
+    code = traitlets.Unicode().tag(sync=True)
+    _esm = """
+    export default { initialize({ model }) {
+        const url = URL.createObjectURL(new Blob([model.get("code")], { type: "text/javascript" }));
+        import(url).then((module) => {
+            window.labkitPlotly = module.default;
+            window.dispatchEvent(new Event("labkit-plotly"));
+        });
+    } };
+    """
+
+
+@functools.cache
+def _plotly() -> Plotly:
+    """The one carrier of this process."""
+    return Plotly(code=str(go.FigureWidget._esm))
+
+
+class Figure(go.FigureWidget):
+    """A FigureWidget that waits for the code `Plotly` brings, however long the page needs for it, and starts from its content then."""
+
+    _esm = """
+    const arrived = () => new Promise((resolve) => {
+        if (window.labkitPlotly) resolve(window.labkitPlotly);
+        else window.addEventListener("labkit-plotly", () => resolve(window.labkitPlotly), { once: true });
+    });
+    export default () => {
+        let figure;
+        return { async render(context) {
+            const make = await arrived();
+            if (!figure) {
+                figure = make();
+                figure.initialize(context);
+            }
+            return figure.render(context);
+        } };
+    };
+    """
+
+    def __init__(self, spec: dict[str, Any]) -> None:
+        _plotly()
+        super().__init__(spec)
+        self._config = {**self._config, "responsive": True, "displaylogo": False}
 
 
 def control(p: Parameter, value: Any) -> w.Widget:
@@ -150,12 +209,14 @@ class Bench(w.VBox):
         lecture = w.ToggleButton(description="Lecture mode", tooltip="everything larger, for the last row", layout=w.Layout(width="auto", flex="0 0 auto"))
         lecture.add_class("lab-lecture-switch")
         lecture.observe(lambda change: self._enlarge(change["new"]), names="value")
-        self.figure: go.FigureWidget | None = None
+        self.figure: Figure | None = None
         controls = w.GridBox(list(self.controls.values()), layout=w.Layout(grid_template_columns="repeat(auto-fill, minmax(390px, 1fr))"))
         controls.add_class("lab-controls")
         self._metrics.layout = w.Layout(flex="1 1 auto")
         bar = w.HBox([self._metrics, self._progress, reset, lecture], layout=w.Layout(align_items="center"))
-        super().__init__([Fit(), controls, self._error, bar, self._code])
+        fit = Fit()
+        fit.on_msg(lambda *_: self._make_figure())
+        super().__init__([fit, controls, self._error, bar, self._code])
         self.add_class("lab-bench")
         if experiment.slow:
             self._update()
@@ -244,10 +305,8 @@ class Bench(w.VBox):
     def _draw(self, spec: dict[str, Any]) -> None:
         """Put a figure dict into the FigureWidget: only what differs from the one shown, in one batch."""
         old, self._shown = self._shown, spec
-        if old is None:  # made with its content: the page drops the updates of a figure it is still loading
-            self.figure = go.FigureWidget(spec)
-            self.figure._config = {**self.figure._config, "responsive": True, "displaylogo": False}
-            self.children = [*self.children[:-1], self.figure, self._code]
+        if old is None:
+            self._make_figure()
             return
         with self.figure.batch_update():
             if [t["type"] for t in old["data"]] != [t["type"] for t in spec["data"]]:
@@ -257,6 +316,19 @@ class Bench(w.VBox):
                 for trace, before, after in zip(self.figure.data, old["data"], spec["data"], strict=True):
                     trace.update(dict(changes(before, after)), overwrite=True)
             self.figure.update_layout(dict(changes(old["layout"], spec["layout"])), overwrite=True)
+
+    def _make_figure(self) -> None:
+        """A new FigureWidget with the content shown: the first one, or after the page lost the content of the last."""
+        self.figure = Figure(self._shown)
+        for number, trace in enumerate(self._shown["data"]):
+            if "set" in (trace.get("meta") or {}):
+                self.figure.data[number].on_click(lambda _, points, __, number=number: self._clicked(number, points.point_inds))
+        self.children = [*(c for c in self.children if not isinstance(c, Figure) and c is not self._code), self.figure, self._code]
+
+    def _clicked(self, trace: int, points: Sequence[int]) -> None:
+        if points:
+            with self._reporting():
+                self.set(**self._shown["data"][trace]["meta"]["set"][points[0]])
 
     def _enlarge(self, lecture: bool) -> None:
         self._lecture = lecture

@@ -211,7 +211,10 @@ class Experiment(BaseModel):
         raise NotImplementedError
 
     def figure(self, result: Any) -> dict[str, Any]:
-        """A plotly figure as a dict with `data` and `layout`. The same number and types of traces for every result."""
+        """A plotly figure as a dict with `data` and `layout`. The same number and types of traces for every result.
+
+        A trace whose points can be clicked carries `meta={"set": [...]}`, for each point the parameters that a click on it sets.
+        """
         raise NotImplementedError
 
     def metrics(self, result: Any) -> Sequence[Metric]:
