@@ -12,7 +12,7 @@ from labkit.scheduler.run import Run, TaskInfo, Wait
 from labkit.scheduler.scenario import Scenario, read_scenario, replay, write_events, write_timeline
 from labkit.scheduler.taskfile import read_schedule, schedule, schedule_rows, write_schedule
 from labkit.scheduler.tasksets import PeriodicTask, TaskPair
-from labkit.scheduler.windows import Part, Window, check_windows, read_chain, windows
+from labkit.scheduler.windows import Part, Window, check_windows, read_chain
 
 __all__ = [
     "Costs",
@@ -48,7 +48,6 @@ __all__ = [
     "slices",
     "task_list",
     "totals",
-    "windows",
     "write_events",
     "write_schedule",
     "write_timeline",

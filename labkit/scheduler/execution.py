@@ -1,8 +1,8 @@
 """Execution-time models: how long the jobs of a task really take, as draws of whole time units.
 
-Each function returns a model, `draw(jobs, rng)`, which gives an int64 array of that many execution times, at least 1, drawn from the
-`numpy.random.Generator` it is given. Draws are independent of each other; real run times rarely are (the same scene comes again,
-caches stay warm): the models leave that out.
+Each function returns a model, `draw(jobs, rng)`, which gives an int64 array of that many execution times, at least 1, drawn from
+the `numpy.random.Generator` it is given. Draws are independent of each other; real run times rarely are (the same scene comes
+again, caches stay warm): the models leave that out.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """A framework for chains of anytime phases, in simulated time: units with pairs of functions, and the organiser that runs them.
 
-A user's phase is a `Unit` with one or more parts. The main function of a part is a generator: it takes the phase's input and yields
-`(time_ns, result)`, meaning that it computed for so long and that this result is the best so far. It may be aborted at any yield; the result that
-counts is the last one whose time had passed by then. After an abort the exception function, if there is one, gets that result (or
-None) and returns what is to be used instead.
+A user's phase is a `Unit` with one or more parts. The main function of a part is a generator: it takes the phase's input and
+yields `(time_ns, result)`, meaning that it computed for so long and that this result is the best so far. It may be aborted at any
+yield; the result that counts is the last one whose time had passed by then. After an abort the exception function, if there is
+one, gets that result (or None) and returns what is to be used instead.
 
     smooth = Unit("smooth")
 
@@ -18,14 +18,14 @@ None) and returns what is to be used instead.
 
 Rules, from the source unless marked *:
 - Parts of a unit run in the same window under TAFT; time one does not use goes to the others.
-- The part that finishes last, in its main or its exception part, runs `last_action`, exactly once per period in which the unit had
-  input. Its time belongs to that of the exception part (*: it takes none of its own here).
-- A successor has input in a period only if its predecessor called `make_output_available` in that period; otherwise none of its parts is
-  activated. The first unit gets what the organiser is fed.
-- The organiser takes the units in order, checks 4.14 (with a reserve 5.6), computes the windows by 4.18 (5.7), starts and stops. It starts
-  at a multiple of the period (5.2).
-- * Main functions are run in zero real time; a step whose time has not passed at the abort is not seen by anybody, so a main function
-  must give its results by yielding and not by writing them elsewhere. The generator is closed at the abort.
+- The part that finishes last, in its main or its exception part, runs `last_action`, exactly once per period in which the unit
+  had input. Its time belongs to that of the exception part (*: it takes none of its own here).
+- A successor has input in a period only if its predecessor called `make_output_available` in that period; otherwise none of its
+  parts is activated. The first unit gets what the organiser is fed.
+- The organiser takes the units in order, checks 4.14 (with a reserve 5.6), computes the windows by 4.18 (5.7), starts and stops.
+  It starts at a multiple of the period (5.2).
+- * Main functions are run in zero real time; a step whose time has not passed at the abort is not seen by anybody, so a main
+  function must give its results by yielding and not by writing them elsewhere. The generator is closed at the abort.
 
 Source: diploma thesis on multi-stage sensor fusion (Univ. Magdeburg), section 6.1. The parts for several stations are not here.
 """
@@ -70,7 +70,9 @@ class Unit:
         self._last_action: Callable[[Unit, dict[str, Any]], None] | None = None
         self._output: tuple[Any] | None = None
 
-    def add(self, main: Main, ecet_ns: int, wcet_ep_ns: int, exception: Callable[[Any], Any] | None = None, name: str | None = None) -> None:
+    def add(
+        self, main: Main, ecet_ns: int, wcet_ep_ns: int, exception: Callable[[Any], Any] | None = None, name: str | None = None
+    ) -> None:
         """Add a part; its name is that of the main function if none is given. ValueError if the unit has one of that name."""
         name = name or main.__name__
         if any(part.name == name for part in self.parts):
@@ -80,6 +82,7 @@ class Unit:
 
     def part(self, ecet_ns: int, wcet_ep_ns: int, exception: Callable[[Any], Any] | None = None) -> Callable[[Main], Main]:
         """Decorator: the function is the main part of a new part."""
+
         def add(main: Main) -> Main:
             self.add(main, ecet_ns, wcet_ep_ns, exception)
             return main
@@ -87,7 +90,7 @@ class Unit:
         return add
 
     def last_action(self, action: Callable[[Unit, dict[str, Any]], None]) -> Callable[[Unit, dict[str, Any]], None]:
-        """Decorator: `action(unit, results)` runs when all parts have finished; `results` maps part names to results (None: none yet)."""
+        """Decorator: `action(unit, results)` runs when all parts have finished; `results` maps part names to results or None."""
         self._last_action = action
         return action
 
@@ -126,7 +129,8 @@ class Organiser:
     _record: list[tuple[int, Jobs, Outcome]] = field(default_factory=list, init=False, repr=False)
 
     def start(self, now_ns: int = 0) -> list[Window]:
-        """Check 4.14 (5.6), partition the period by 4.18 (5.7), and start at the next multiple of the period after `now_ns` (5.2).
+        """Check 4.14 (5.6), partition the period by 4.18 (5.7), and start at the next multiple of the period after `now_ns`
+        (5.2).
 
         Raises:
             ValueError: already running, a unit without parts, or a period that is too short; names the unit and the missing ns.
@@ -171,16 +175,27 @@ class Organiser:
         empty = np.empty(0, np.int64)
         offset, jobs, outcomes = 0, [], []
         for begin, some, outcome in self._record:
-            moved = [np.where(at >= 0, at + begin, -1) for at in (outcome.completed, outcome.aborted, outcome.recovered, outcome.missed)]
+            moved = [
+                np.where(at >= 0, at + begin, -1)
+                for at in (outcome.completed, outcome.aborted, outcome.recovered, outcome.missed)
+            ]
             jobs.append(Jobs(some.task, some.number, some.release + begin, some.deadline + begin, some.time))
             outcomes.append(Outcome(outcome.job + offset, outcome.part, outcome.start + begin, outcome.end + begin, *moved))
             offset += len(some)
+
         def joined(records: list, fields: Iterable[str]) -> list[np.ndarray]:
             return [np.concatenate([getattr(record, name) for record in records]) if records else empty for name in fields]
 
         every = Outcome(*joined(outcomes, Outcome.__dataclass_fields__))
         made = Jobs(*joined(jobs, Jobs.__dataclass_fields__))
-        return trace_of(made, every, [*names, *(name + EP for name in names)], PRIORITY[every.part], max(1, self.periods) * self.period_ns, 1_000_000_000)
+        return trace_of(
+            made,
+            every,
+            [*names, *(name + EP for name in names)],
+            PRIORITY[every.part],
+            max(1, self.periods) * self.period_ns,
+            1_000_000_000,
+        )
 
     def _chain(self) -> list[Part]:
         return [Part(unit.name, part.name, part.ecet_ns, part.wcet_ep_ns) for unit in self.units for part in unit.parts]
@@ -193,7 +208,8 @@ class Organiser:
         zero, index = np.zeros(count, np.int64), np.arange(count)
         need = np.array([times[-1] if times else 1 for times, _ in steps], dtype=np.int64)
         jobs, outcome = run_pairs(pairs, Jobs(index, zero, zero, zero + length, need), length)
-        granted = np.bincount(outcome.job, np.where(outcome.part < EXCEPTION, outcome.end - outcome.start, 0), count).astype(np.int64)
+        granted = np.zeros(count, np.int64)
+        np.add.at(granted, outcome.job, np.where(outcome.part < EXCEPTION, outcome.end - outcome.start, 0))
         results = {}
         for part, (times, values), time, fell in zip(unit.parts, steps, granted, outcome.aborted, strict=True):
             done = int(np.searchsorted(times, time, side="right"))
@@ -204,8 +220,12 @@ class Organiser:
         last = int(np.lexsort((index, ends))[-1])
         begin = self.periods * self.period_ns + window.release_ns
         aborted = tuple(part.name for part, fell in zip(unit.parts, outcome.aborted, strict=True) if fell >= 0)
-        self._record.append((begin, Jobs(jobs.task + first, jobs.number + self.periods, jobs.release, jobs.deadline, jobs.time), outcome))
-        self.activations.append(Activation(self.periods, unit.name, self.start_ns + begin + int(ends[last]), unit.parts[last].name, results, aborted))
+        self._record.append(
+            (begin, Jobs(jobs.task + first, jobs.number + self.periods, jobs.release, jobs.deadline, jobs.time), outcome)
+        )
+        self.activations.append(
+            Activation(self.periods, unit.name, self.start_ns + begin + int(ends[last]), unit.parts[last].name, results, aborted)
+        )
         if unit._last_action is not None:
             unit._last_action(unit, results)
 

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 EP = ".ep"
 
 #: More jobs than this are refused: the run would take minutes and gigabytes.
-MAX_JOBS = 20_000_000
+MAX_JOBS = 5_000_000
 
 #: Longest time: 13 days in nanoseconds, far from where sums leave 64 bits.
 LONGEST = 1 << 50
@@ -66,7 +66,9 @@ def release_jobs(tasks: Iterable[PeriodicTask | TaskPair], until: int, times: Ma
         raise ValueError(f"a schedule until {until}; it must be at least 1")
     stranger = next((name for name in times if all(name != task.name for task in tasks)), None)
     if stranger is not None:
-        raise ValueError(f"execution times for {stranger!r}, which is no task; there are {', '.join(task.name for task in tasks)}")
+        raise ValueError(
+            f"execution times for {stranger!r}, which is no task; there are {', '.join(task.name for task in tasks)}"
+        )
     clash = next((task.name for task in tasks if any(other.name == task.name + EP for other in tasks)), None)
     if clash is not None:
         raise ValueError(f"a task is called {clash + EP!r}, the name of the exception part of {clash!r}; rename it")
@@ -93,14 +95,17 @@ def _times(task: PeriodicTask | TaskPair, times: Sequence[int] | None, count: in
     if given.min() < 1:
         raise ValueError(f"task {task.name!r}: execution time {given.min()} of job {given.argmin()}; it must be at least 1")
     if given.max() > LONGEST:
-        raise ValueError(f"task {task.name!r}: execution time {given.max()} of job {given.argmax()}; at most {LONGEST} are allowed")
+        raise ValueError(
+            f"task {task.name!r}: execution time {given.max()} of job {given.argmax()}; at most {LONGEST} are allowed"
+        )
     used = given[:count].astype(np.int64)
     return np.concatenate([used, np.full(count - len(used), given[-1], np.int64)])
 
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """What became of the jobs. Slices in order of time: `job` (index into the jobs), `part` (MP, BEYOND, EXCEPTION), `start`, `end`.
+    """What became of the jobs. Slices in order of time: `job` (index into the jobs), `part` (MP, BEYOND, EXCEPTION), `start`,
+    `end`.
 
     Per job, -1 for what never happened: `completed` (main part), `aborted`, `recovered` (exception part complete), `missed`.
     """
@@ -176,7 +181,9 @@ def _switches(jobs: Jobs, outcome: Outcome, priority: np.ndarray, tasks: int, un
     order = np.argsort(time, kind="stable")
     time, who, value, mine = time[order], who[order], value[order], mine[order]
     before, gone = np.append(-1, who[:-1]), np.append(-1, mine[:-1])
-    left = np.where(gone % 4 == EXCEPTION, outcome.recovered[gone // 4], np.maximum(outcome.completed, outcome.aborted)[gone // 4])
+    left = np.where(
+        gone % 4 == EXCEPTION, outcome.recovered[gone // 4], np.maximum(outcome.completed, outcome.aborted)[gone // 4]
+    )
     over = (left >= 0) & (left <= time)  # its job had ended by then
     state = np.where(who == before, STATES.index("running"), np.where(over, STATES.index("blocked"), STATES.index("ready")))
     return time, who, value, before, np.where(before < 0, -1, state)
@@ -221,9 +228,9 @@ def slices(trace: Trace) -> np.ndarray:
 def job_table(trace: Trace) -> pd.DataFrame:
     """One row per job of a schedule, by task and number, times in units of the trace.
 
-    Columns: task, job, release, deadline (<NA> if nothing in the trace tells it), end (of the main part or, after an abort, of the
-    exception part), aborted, missed, main and exception (processor time granted to either part), response (end - release). What has
-    not happened is <NA>.
+    Columns: task, job, release, deadline (<NA> if nothing in the trace tells it), end (of the main part or, after an abort, of
+    the exception part), aborted, missed, main and exception (processor time granted to either part), response (end - release).
+    What has not happened is <NA>.
     """
     import pandas as pd
 
@@ -252,9 +259,17 @@ def job_table(trace: Trace) -> pd.DataFrame:
         return pd.arrays.IntegerArray(values, values < 0)
 
     response = np.where(columns["end"] < 0, -1, columns["end"] - released[:, 4])
-    return pd.DataFrame({
-        "task": np.array(trace.names, dtype=object)[released[:, 2]], "job": released[:, 5], "release": released[:, 4],
-        **{name: known(values) for name, values in columns.items()}, "main": main, "exception": rescue, "response": known(response)})
+    return pd.DataFrame(
+        {
+            "task": np.array(trace.names, dtype=object)[released[:, 2]],
+            "job": released[:, 5],
+            "release": released[:, 4],
+            **{name: known(values) for name, values in columns.items()},
+            "main": main,
+            "exception": rescue,
+            "response": known(response),
+        }
+    )
 
 
 def _base(trace: Trace, name: str) -> str:
@@ -270,8 +285,13 @@ def totals(trace: Trace) -> pd.DataFrame:
     jobs = job_table(trace)
     by = jobs.groupby("task", sort=False)
     frame = by.agg(
-        jobs=("job", "count"), aborted=("aborted", "count"), missed=("missed", "count"), main=("main", "sum"),
-        exception=("exception", "sum"), response=("response", "max"))
+        jobs=("job", "count"),
+        aborted=("aborted", "count"),
+        missed=("missed", "count"),
+        main=("main", "sum"),
+        exception=("exception", "sum"),
+        response=("response", "max"),
+    )
     frame.insert(1, "completed", (jobs["end"].notna() & jobs["aborted"].isna()).groupby(jobs["task"], sort=False).sum())
     ran = slices(trace)
     frame.attrs["idle"] = int(trace.end - trace.start - np.sum(ran[:, 3] - ran[:, 2]))

@@ -5,8 +5,8 @@ The designs, in the order of the source, each run under the same load:
 - `taft thread`: one TAFT thread, planned with the sum of the expected times (4.4);
 - `taft thread, wcet`: one TAFT thread, planned with worst cases but for the last phase (4.5);
 - `taft phases`: one TAFT pair per part, all released together, due at the end of the period (4.6);
-- `taft releases`: the same, but phase i is released after phase i - 1 (4.7); as releases serve those of the windows. The deadline is one
-  period after the release, the default of the source, so that it lies in the next period;
+- `taft releases`: the same, but phase i is released after phase i - 1 (4.7); as releases serve those of the windows. The deadline
+  is one period after the release, the default of the source, so that it lies in the next period;
 - `taft windows`: releases and deadlines of the windows (4.8 to 4.18), the only one of the last four that gives all guarantees.
 
 A thread has one exception part, whose worst case is taken to be the longest of its phases'; it is shown as that of the phase it
@@ -56,7 +56,9 @@ class Guarantee:
 
 @dataclass(frozen=True, eq=False)
 class DesignRun:
-    """A design under a load: whether its plan was accepted, the trace (names: the parts, then each with `.ep`), the guarantees G1..G4."""
+    """A design under a load: whether its plan was accepted, the trace (names: the parts, then each with `.ep`), the guarantees
+    G1..G4.
+    """
 
     design: str
     verdict: Verdict
@@ -68,8 +70,8 @@ class DesignRun:
 class PhaseTimes:
     """What happened to each part in each period, from the trace; int64 arrays of shape (periods, parts), -1 for never.
 
-    `release` of the part, `start` of the main part (or its abort, if it got nothing), `end` of the main or exception part, `main` and
-    `exception` the time granted within one period from the release, `aborted` the instant of the abort.
+    `release` of the part, `start` of the main part (or its abort, if it got nothing), `end` of the main or exception part, `main`
+    and `exception` the time granted within one period from the release, `aborted` the instant of the abort.
     """
 
     release: np.ndarray
@@ -85,8 +87,8 @@ def run_design(chain: Sequence[Part], design: str, load: np.ndarray, period_ns: 
 
     Args:
         design: one of `DESIGNS`.
-        load: time each part needs in each period, in ns, whole numbers of at least 1, shape (periods, parts in order of the chain).
-        reserve_ns: kept free at the end of the period for clock correction; only `taft windows` does that.
+        load: time each part needs in each period, in ns, whole numbers of at least 1, shape (periods, parts in order of the
+        chain). reserve_ns: kept free at the end of the period for clock correction; only `taft windows` does that.
 
     Raises:
         ValueError: unknown design, a load of the wrong shape, or windows that do not fit (also for `taft releases`).
@@ -137,7 +139,8 @@ def _thread(chain: list[Part], design: int, load: np.ndarray, period_ns: int) ->
     planned = (sum(worst), sum(expected), sum(worst[:-1]) + expected[-1])[design]
     needed, equation = planned + ep, ("4.3", "4.4", "4.5")[design]
     spare = period_ns - needed
-    why = f"the thread is planned with {needed} ns of the period's {period_ns}, {abs(spare)} ns {'to spare' if spare >= 0 else 'too much'}"
+    why = f"the thread is planned with {needed} ns of the period's {period_ns}, {abs(spare)} ns "
+    why += "to spare" if spare >= 0 else "too much"
     verdict = Verdict(spare >= 0, f"one thread ({equation})", why, True)
 
     until = (periods + 1) * period_ns
@@ -163,8 +166,12 @@ def _thread(chain: list[Part], design: int, load: np.ndarray, period_ns: int) ->
     whole = main[:, [2]] + done <= main[:, [3]]
     hit = ~whole & (np.cumsum(~whole, axis=1) == 1) & (fell[number] >= 0)[:, None]
     jobs = Jobs(
-        np.tile(np.arange(parts), len(main)), np.repeat(number, parts), np.repeat(number * period_ns, parts),
-        np.repeat((number + 1) * period_ns, parts), need.ravel())
+        np.tile(np.arange(parts), len(main)),
+        np.repeat(number, parts),
+        np.repeat(number * period_ns, parts),
+        np.repeat((number + 1) * period_ns, parts),
+        need.ravel(),
+    )
     index = np.arange(len(main) * parts).reshape(len(main), parts)
     kept = stop > begin
     struck = hit.any(axis=1)
@@ -175,8 +182,15 @@ def _thread(chain: list[Part], design: int, load: np.ndarray, period_ns: int) ->
     start, end = np.concatenate([begin[kept], rescue[:, 2]]), np.concatenate([stop[kept], rescue[:, 3]])
     order = np.argsort(start, kind="stable")
     outcome = Outcome(
-        job[order], part[order], start[order], end[order], np.where(whole, stop, -1).ravel(), np.where(hit, fell[number][:, None], -1).ravel(),
-        np.where(hit, recovered[number][:, None], -1).ravel(), _missed(whole, stop, hit, recovered[number], jobs.deadline, until))
+        job[order],
+        part[order],
+        start[order],
+        end[order],
+        np.where(whole, stop, -1).ravel(),
+        np.where(hit, fell[number][:, None], -1).ravel(),
+        np.where(hit, recovered[number][:, None], -1).ravel(),
+        _missed(whole, stop, hit, recovered[number], jobs.deadline, until),
+    )
     names = [part.name for part in chain]
     return verdict, trace_of(jobs, outcome, [*names, *(name + EP for name in names)], PRIORITY[outcome.part], until, NS)
 
@@ -228,7 +242,9 @@ def guarantees(trace: Trace, chain: Sequence[Part], load: np.ndarray, period_ns:
 
     first = list(phases_of(chain).values())[0]
     late_start = np.zeros(begun.shape, bool)
-    late_start[:, : len(first)] = ~begun[:, : len(first)] | (times.start >= begins + period_ns)[:, : len(first)] | (times.start < begins)[:, : len(first)]
+    late_start[:, : len(first)] = (
+        ~begun[:, : len(first)] | (times.start >= begins + period_ns)[:, : len(first)] | (times.start < begins)[:, : len(first)]
+    )
     late_end = begun & (ended > begins + period_ns)
     short = times.main < enough
     disorder = np.zeros(begun.shape, bool)

@@ -1,31 +1,32 @@
 """TAFT, time-aware fault-tolerant scheduling of task pairs, on one core in integer time: the rules and the engine.
 
-A job has a main part, which needs some execution time nobody knows beforehand, and an exception part, which takes exactly `ep_wcet`
-if it is needed at all. Rules 1, 2 and 5 of `labkit.scheduler.periodic` hold; deadlines do not exceed periods. Then:
+A job has a main part, which needs some execution time nobody knows beforehand, and an exception part, which takes exactly
+`ep_wcet` if it is needed at all. Rules 1, 2 and 5 of `labkit.scheduler.periodic` hold; deadlines do not exceed periods. Then:
 
-1. *Plan.* At every instant the exception parts of all jobs that may still need them are planned: those of released jobs whose main
-   part is not complete (what is left of them, if they have begun) and those of all jobs still to be released. Going back
+1. *Plan.* At every instant the exception parts of all jobs that may still need them are planned: those of released jobs whose
+   main part is not complete (what is left of them, if they have begun) and those of all jobs still to be released. Going back
    in time, every instant goes to the part whose job was released latest among those whose deadline has been passed and that
    are not yet complete; of equal releases, to the later in the list. That is EDF on the reversed time axis (latest release time).
 2. *Exception parts have the highest priority*, and run in their planned slots only.
 3. *Abort.* A main part still running when the first slot of its exception part begins is aborted at that instant: it is the last
    one from which the plan still keeps all deadlines. With `ep_wcet` 0 it is aborted at its deadline. A main part that
    completes at that very instant is complete, and not aborted.
-4. *Main parts* that have had less than their `ecet` come next, by EDF; then those that have had it, by EDF. Equal deadlines go by the
-   order in the list. A main part that reaches its `ecet` loses its rank at that instant.
+4. *Main parts* that have had less than their `ecet` come next, by EDF; then those that have had it, by EDF. Equal deadlines go by
+   the order in the list. A main part that reaches its `ecet` loses its rank at that instant.
 5. *Completion* of a main part takes its exception part out of the plan; the others' slots then move later or stay. The time
    goes to main parts: the processor idles only if none is released and unfinished, and no slot is due.
-6. *Overload.* If the exception parts themselves do not fit (no acceptance test allows that), a plan may reach back before the present:
-   main parts with such slots are aborted at once. If the present instant is then in the slot of no released job, the
-   exception part that has been begun by an abort and has the earliest deadline (equals: the order in the list) runs. One that is not
-   complete at its deadline misses, and the rest of it is dropped.
+6. *Overload.* If the exception parts themselves do not fit (no acceptance test allows that), a plan may reach back before the
+   present: main parts with such slots are aborted at once. If the present instant is then in the slot of no released job, the
+   exception part that has been begun by an abort and has the earliest deadline (equals: the order in the list) runs. One that is
+   not complete at its deadline misses, and the rest of it is dropped.
 
-A plan reaches into the future without end. `_plan` builds it from a horizon and looks for an instant at which all work may rest even
-if everything up to the horizon is pressed before it; what lies before that instant is the endless plan itself. If the exception
-parts leave no such instant within a long look-ahead (they alone load the processor almost fully), the plan is the pressed one.
+A plan reaches into the future without end. `_plan` builds it from a horizon and looks for an instant at which all work may rest
+even if everything up to the horizon is pressed before it; what lies before that instant is the endless plan itself. If the
+exception parts leave no such instant within a long look-ahead (they alone load the processor almost fully), the plan is the
+pressed one.
 
-Source: diploma thesis on multi-stage sensor fusion (Univ. Magdeburg), section 2.1, which gives the three classes, EDF, and the latest
-release time; the tie rules and rules 5 and 6 are this model's. Not modelled: the cost of switching and of aborting.
+Source: diploma thesis on multi-stage sensor fusion (Univ. Magdeburg), section 2.1, which gives the three classes, EDF, and the
+latest release time; the tie rules and rules 5 and 6 are this model's. Not modelled: the cost of switching and of aborting.
 """
 
 from __future__ import annotations
@@ -152,7 +153,7 @@ class _Run:
         self._except(self.until, self.until, settled)  # what is due at the end of the schedule
 
     def _except(self, now: int, upcoming: int, settled: list[bool]) -> int:
-        """Plan anew, abort what is due, and run the exception part whose slot it is. Returns the time up to which that is done."""
+        """Plan anew, abort what is due, and run the exception part whose slot it is; returns the time when that is done."""
         while self.alarms[0][0] <= now:
             heappop(self.alarms)
         slots = self._slots(now)
@@ -195,8 +196,8 @@ class _Run:
             self.excepting.append(job)
 
     def _slots(self, now: int) -> list[tuple[int, int, int]]:
-        """(start, end, job) of the planned slots, in order of time, of the released jobs with a bound that is reached and of those
-        that share time with them. An empty exception part has a slot of length 0.
+        """(start, end, job) of the planned slots, in order of time, of the released jobs with a bound that is reached and of
+        those that share time with them. An empty exception part has a slot of length 0.
         """
         self.excepting = [job for job in self.excepting if self.deadline[job] > now]
         bound, deadline, release = self.bound, self.deadline, self.release
@@ -227,8 +228,8 @@ def _plan(pairs: Sequence[TaskPair], jobs: Jobs, until: int) -> tuple[np.ndarray
     """The plan of rule 1 as if no job ever completed, int64 arrays.
 
     Returns:
-        start, end and job of the slots in order of time, len(jobs) standing for every job that is released later; and the start of
-        the first slot of each job (anything for an empty exception part).
+        start, end and job of the slots in order of time, len(jobs) standing for every job that is released later; and the start
+        of the first slot of each job (anything for an empty exception part).
     """
     ep = np.array([pair.ep_wcet for pair in pairs])
     if not ep.any():
@@ -242,7 +243,8 @@ def _plan(pairs: Sequence[TaskPair], jobs: Jobs, until: int) -> tuple[np.ndarray
         kept = np.flatnonzero(ep[ahead.task])
         arrivals = kept[np.argsort(-due[kept], kind="stable")]
         who, start, end = dispatch((-due[arrivals]).tolist(), arrivals.tolist(), ep[ahead.task].tolist(), NEVER)
-        rests = -np.append(-horizon, end[:-1])[np.append(-horizon, end[:-1]) < start]  # gaps in the plan, by their end in forward time
+        before = np.append(-horizon, end[:-1])
+        rests = -before[before < start]  # gaps in the plan, by their end in forward time
         if not len(who) or (len(rests) and rests[0] > until):
             break
         lookahead *= 4

@@ -30,10 +30,12 @@ class TaskSet:
 
 
 def read_tasks(data: Any, policy: str) -> TaskSet:
-    """A task set from parsed JSON: {"tasks": [{"name", "period", "deadline", "offset", "times", "wcet" | "ecet" and "ep_wcet"}, ...]}.
+    """A task set from parsed JSON: {"tasks": [{"name", "period", "deadline", "offset", "times", "wcet" | "ecet" and "ep_wcet"},
+    ...]}.
 
-    `deadline` is the period if it is missing, `offset` 0, `times` the worst case (taft: the expected time) always. The policies rm, dm and
-    edf need `wcet`, taft needs `ecet` and `ep_wcet`; what the other policies need may be there too, and a `wcet` then bounds `ecet`.
+    `deadline` is the period if it is missing, `offset` 0, `times` the worst case (taft: the expected time) always. The policies
+    rm, dm and edf need `wcet`, taft needs `ecet` and `ep_wcet`; what the other policies need may be there too, and a `wcet` then
+    bounds `ecet`.
 
     Raises:
         ValueError: one sentence that says what is wrong with which task.
@@ -86,15 +88,17 @@ def _times(name: str, times: Any) -> list[int]:
 def verdict_of(tasks: TaskSet, policy: str) -> dict[str, Any]:
     """The sharpest acceptance test of the policy, as {"accepted", "test", "why", "exact"}.
 
-    It judges the declared times: exact response times for rm and dm, the processor demand for edf, `taft_test` for taft. Where a job
-    takes longer than its declared worst case, `why` says so, since no test covers that.
+    It judges the declared times: exact response times for rm and dm, the processor demand for edf, `taft_test` for taft. Where a
+    job takes longer than its declared worst case, `why` says so, since no test covers that.
     """
     from labkit.scheduler.analysis import UndecidedError, qpa_test, response_time_test, taft_test
 
     test = {
-        "rm": lambda: response_time_test(rate_monotonic(tasks.tasks)), "dm": lambda: response_time_test(deadline_monotonic(tasks.tasks)),
-        "edf": lambda: qpa_test(tasks.tasks), "taft": lambda: taft_test(tasks.tasks),
-    }[policy]  # fmt: skip
+        "rm": lambda: response_time_test(rate_monotonic(tasks.tasks)),
+        "dm": lambda: response_time_test(deadline_monotonic(tasks.tasks)),
+        "edf": lambda: qpa_test(tasks.tasks),
+        "taft": lambda: taft_test(tasks.tasks),
+    }[policy]
     try:
         verdict = test()
     except UndecidedError as error:
@@ -120,8 +124,9 @@ def schedule(data: Any, policy: str, until: int, hz: int = 1000) -> tuple[dict[s
 def schedule_rows(trace: Trace) -> list[tuple[str, int, str, str, int, int]]:
     """A schedule as rows in the columns of `ROW`, in order of start.
 
-    `run`: a slice of part `mp` or `ep`, contiguous ones merged. With start = end: `release`; `complete` of part `mp`, or of part `ep`
-    after an abort; `abort` of part `mp`; `miss` of the part that was late. Of one instant: complete, abort, miss, release, run.
+    `run`: a slice of part `mp` or `ep`, contiguous ones merged. With start = end: `release`; `complete` of part `mp`, or of part
+    `ep` after an abort; `abort` of part `mp`; `miss` of the part that was late. Of one instant: complete, abort, miss, release,
+    run.
     """
     names = np.array(trace.names, dtype=object)
     events = trace.rows("complete", "abort", "miss", "release")

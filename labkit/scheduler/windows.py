@@ -1,12 +1,12 @@
 """Windows of a chain of phases within a period, in whole nanoseconds: equations 4.6 to 4.18, 5.6 to 5.8.
 
 Every phase gets a share of the period in proportion to what its parts expect, ECET plus the exception part's WCET. The ends are
-rounded down *cumulatively*: window i ends at floor((Period - Deadline_C) * sum of the first i demands / sum of all). So the windows
-add up to the period exactly, no rounding error grows, and no window is shorter than its demand if the whole is not.
+rounded down *cumulatively*: window i ends at floor((Period - Deadline_C) * sum of the first i demands / sum of all). So the
+windows add up to the period exactly, no rounding error grows, and no window is shorter than its demand if the whole is not.
 
-Source: diploma thesis on multi-stage sensor fusion (Univ. Magdeburg), sections 4.1, 4.2, 5.2. Its table 5 follows to the nanosecond,
-but for two swapped digits: the communication window is 36 554 729 ns, printed as 36 554 792; the 63 ns run on in the printed
-cumulative deadlines down to the last but one.
+Source: diploma thesis on multi-stage sensor fusion (Univ. Magdeburg), sections 4.1, 4.2, 5.2. Its table 5 follows to the
+nanosecond, but for two swapped digits: the communication window is 36 554 729 ns, printed as 36 554 792; the 63 ns run on in the
+printed cumulative deadlines down to the last but one.
 """
 
 from __future__ import annotations
@@ -38,7 +38,9 @@ class Part:
                 raise ValueError(f"{where}: {field} is {value!r}; it must be a whole number of at least {least}")
         if self.wcet_ns is not None and self.wcet_ns < self.ecet_ns:
             over = self.ecet_ns - self.wcet_ns
-            raise ValueError(f"{where}: the expected time {self.ecet_ns} ns exceeds the worst case {self.wcet_ns} ns by {over} ns")
+            raise ValueError(
+                f"{where}: the expected time {self.ecet_ns} ns exceeds the worst case {self.wcet_ns} ns by {over} ns"
+            )
 
     @property
     def demand_ns(self) -> int:
@@ -65,7 +67,9 @@ class Window:
 
 
 def phases_of(chain: Sequence[Part]) -> dict[str, list[Part]]:
-    """Phase -> its parts, in the order of the chain; ValueError for an empty chain, a phase that comes twice, or a part that does."""
+    """Phase -> its parts, in the order of the chain; ValueError for an empty chain, a phase that comes twice, or a part that
+    does.
+    """
     if not chain:
         raise ValueError("the chain is empty; it needs at least one phase")
     phases: dict[str, list[Part]] = {}
@@ -102,8 +106,9 @@ def check_period(chain: Sequence[Part], period_ns: int, reserve_ns: int = 0) -> 
     reserve = f" less the reserve of {reserve_ns} ns" if reserve_ns else ""
     also = f"; the expected times alone, {expected} ns, would fit, the exception parts do not" if expected <= room else ""
     raise ValueError(
-        f"phase {phase!r} does not fit: the period of {period_ns} ns{reserve} is {needed - room} ns too short for the {needed} ns "
-        f"that main and exception parts need{also}")
+        f"phase {phase!r} does not fit: the period of {period_ns} ns{reserve} is {needed - room} ns too short for "
+        f"the {needed} ns that main and exception parts need{also}"
+    )
 
 
 def windows(chain: Sequence[Part], period_ns: int, reserve_ns: int = 0, release_ns: int = 0) -> list[Window]:
@@ -130,18 +135,22 @@ def windows(chain: Sequence[Part], period_ns: int, reserve_ns: int = 0, release_
     return made
 
 
-def check_windows(chain: Sequence[Part], manual: Sequence[tuple[str, int, int]], period_ns: int, reserve_ns: int = 0) -> list[Window]:
+def check_windows(
+    chain: Sequence[Part], manual: Sequence[tuple[str, int, int]], period_ns: int, reserve_ns: int = 0
+) -> list[Window]:
     """Windows chosen by hand, (phase, release, deadline) relative to the period, checked by 4.8 to 4.11 and 4.17.
 
     Raises:
-        ValueError: a phase has no window or two, a window overlaps the next (4.8), ends after the period less the reserve (4.9), or is
-            shorter than its demand (4.17). The sentence names the phase and the nanoseconds.
+        ValueError: a phase has no window or two, a window overlaps the next (4.8), ends after the period less the reserve (4.9),
+            or is shorter than its demand (4.17). The sentence names the phase and the nanoseconds.
     """
     phases = phases_of(chain)
     _whole_ns("period", period_ns, 1)
     names = [phase for phase, _, _ in manual]
     if names != list(phases):
-        raise ValueError(f"windows for {', '.join(names) or 'no phase'}; the chain needs one each, in order, for {', '.join(phases)}")
+        raise ValueError(
+            f"windows for {', '.join(names) or 'no phase'}; the chain needs one each, in order, for {', '.join(phases)}"
+        )
     made = []
     for i, (phase, release, deadline) in enumerate(manual):
         _whole_ns(f"release of phase {phase!r}", release, 0)

@@ -1,4 +1,6 @@
-"""How fast periodic scheduling is: jobs per CPU second with full trace, beside raw SimPy timeouts per second in the same process."""
+"""How fast periodic scheduling is: jobs per CPU second with full trace, beside raw SimPy timeouts per second in the same
+process.
+"""
 
 import time
 
@@ -69,5 +71,5 @@ def test_ratio_of_jobs_to_simpy_timeouts(benchmark):
         made, until, times = job_set(policy, tasks)
         jobs_rate = rate(run, policy, made, until, times)
         benchmark.extra_info[f"jobs per timeout, {policy}, {tasks} tasks"] = round(jobs_rate / simpy_rate, 3)
-        print(f"{policy}, {tasks} tasks: {jobs_rate / simpy_rate:.2f} jobs per raw SimPy timeout ({jobs_rate:,.0f} jobs per CPU second)")
+        print(f"{policy}, {tasks} tasks: {jobs_rate / simpy_rate:.2f} jobs per raw SimPy timeout, {jobs_rate:,.0f} jobs per CPU second")
     benchmark(run, "taft", *job_set("taft", 3))

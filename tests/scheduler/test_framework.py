@@ -10,6 +10,7 @@ from labkit.scheduler.jobs import slices
 
 def steps(costs, mark=None):
     """A main part that yields (cost, number of the step), and says in `mark` when it is closed."""
+
     def main(data):
         try:
             for number, cost in enumerate(costs):
@@ -54,7 +55,12 @@ def test_a_chain_hands_results_on():
     assert [(w.phase, w.release_ns, w.deadline_ns) for w in chain.start()] == [("scan", 0, 41), ("fuse", 41, 11)]
     done = chain.run([1, 2])
     assert seen == [{"m0": (0, 10)}, {"m0": (0, 20)}]
-    assert [(a.period, a.unit, a.finished_ns) for a in done] == [(0, "scan", 30), (0, "fuse", 46), (1, "scan", 82), (1, "fuse", 98)]
+    assert [(a.period, a.unit, a.finished_ns) for a in done] == [
+        (0, "scan", 30),
+        (0, "fuse", 46),
+        (1, "scan", 82),
+        (1, "fuse", 98),
+    ]
 
 
 def test_an_abort_keeps_the_last_result_in_time_and_closes_the_generator():
@@ -127,13 +133,20 @@ def test_the_trace_shows_every_slice():
     o.run([1, None, 3])
     trace = o.trace()
     assert [(trace.names[who], job, start, end) for who, job, start, end in slices(trace).tolist() if job == 0] == [
-        ("a.m0", 0, 0, 8), ("a.m1", 0, 8, 11), ("a.m0", 0, 11, 15), ("a.m0.ep", 0, 15, 17), ("b.m0", 0, 17, 22)]
+        ("a.m0", 0, 0, 8),
+        ("a.m1", 0, 8, 11),
+        ("a.m0", 0, 11, 15),
+        ("a.m0.ep", 0, 15, 17),
+        ("b.m0", 0, 17, 22),
+    ]
     assert sorted(set(slices(trace)[:, 1].tolist())) == [0, 2]
     assert not len(trace.rows("miss")) and trace.end == 90
 
 
 def test_the_checks_of_the_organiser():
-    with pytest.raises(ValueError, match="phase 'b' does not fit: the period of 20 ns less the reserve of 1 ns is 1 ns too short"):
+    with pytest.raises(
+        ValueError, match="phase 'b' does not fit: the period of 20 ns less the reserve of 1 ns is 1 ns too short"
+    ):
         Organiser([unit("a", ([5], 10, 0)), unit("b", ([5], 10, 0))], 20, reserve_ns=1).start()
     with pytest.raises(ValueError, match="unit 'a' has no parts"):
         Organiser([Unit("a")], 20).start()
@@ -169,8 +182,18 @@ def test_an_endless_main_part_is_aborted():
 
 
 @settings(max_examples=80, deadline=None)
-@given(st.lists(st.lists(st.tuples(st.lists(st.integers(1, 9), min_size=1, max_size=8), st.integers(1, 12), st.integers(0, 3)),
-                         min_size=1, max_size=3), min_size=1, max_size=4), st.integers(0, 40))
+@given(
+    st.lists(
+        st.lists(
+            st.tuples(st.lists(st.integers(1, 9), min_size=1, max_size=8), st.integers(1, 12), st.integers(0, 3)),
+            min_size=1,
+            max_size=3,
+        ),
+        min_size=1,
+        max_size=4,
+    ),
+    st.integers(0, 40),
+)
 def test_whatever_the_parts_do_the_period_is_kept(units, spare):
     log = []
     made = [unit(f"u{i}", *parts, log=log) for i, parts in enumerate(units)]

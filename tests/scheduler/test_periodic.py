@@ -18,7 +18,9 @@ from labkit.scheduler.tasksets import PeriodicTask, TaskPair, deadline_monotonic
 
 def tasks(*rows):
     """(C, T[, D[, offset]]) rows as tasks t0, t1, ..."""
-    return [PeriodicTask(f"t{i}", c, t, *more[:1], offset=more[1] if len(more) > 1 else 0) for i, (c, t, *more) in enumerate(rows)]
+    return [
+        PeriodicTask(f"t{i}", c, t, *more[:1], offset=more[1] if len(more) > 1 else 0) for i, (c, t, *more) in enumerate(rows)
+    ]
 
 
 def line(trace):
@@ -83,12 +85,14 @@ def test_totals_add_up():
 def by_the_rules(task_list, policy, until, times):
     jobs = [
         dict(task=i, job=k, release=r, due=r + t.deadline, left=times[i][min(k, len(times[i]) - 1)])
-        for i, t in enumerate(task_list) for k, r in enumerate(range(t.offset, until, t.period))
+        for i, t in enumerate(task_list)
+        for k, r in enumerate(range(t.offset, until, t.period))
     ]
     urgency = {
-        "rm": lambda j: (task_list[j["task"]].period, j["task"], j["job"]), "dm": lambda j: (task_list[j["task"]].deadline, j["task"], j["job"]),
+        "rm": lambda j: (task_list[j["task"]].period, j["task"], j["job"]),
+        "dm": lambda j: (task_list[j["task"]].deadline, j["task"], j["job"]),
         "edf": lambda j: (j["due"], j["task"], j["job"]),
-    }[policy]  # fmt: skip
+    }[policy]
     units, missed = [], set()
     for now in range(until):
         missed |= {(now, j["task"], j["job"]) for j in jobs if j["due"] == now and j["left"]}
@@ -124,7 +128,10 @@ def test_the_engine_does_what_the_rules_say_unit_by_unit(drawn, policy, until):
 
 
 @settings(max_examples=60, deadline=None)
-@given(st.lists(st.tuples(st.integers(1, 5), st.sampled_from([8, 10, 12, 20, 24, 40])), min_size=1, max_size=5), st.sampled_from(["rm", "dm", "edf"]))
+@given(
+    st.lists(st.tuples(st.integers(1, 5), st.sampled_from([8, 10, 12, 20, 24, 40])), min_size=1, max_size=5),
+    st.sampled_from(["rm", "dm", "edf"]),
+)
 def test_released_together_the_worst_response_is_the_analysis(rows, policy):
     task_list = tasks(*rows)
     if sum(t.wcet / t.period for t in task_list) > 1:
@@ -156,9 +163,10 @@ def test_rows_of_a_taft_schedule():
     assert verdict["accepted"] is True and {"test", "why"} <= set(verdict)
     assert json.loads(json.dumps(verdict)) == verdict
     assert schedule_rows(trace) == [
-        ("a", 0, "mp", "release", 0, 0), ("b", 0, "mp", "release", 0, 0), ("a", 0, "mp", "run", 0, 2), ("b", 0, "mp", "run", 2, 5),
-        ("a", 0, "mp", "run", 5, 7), ("a", 0, "mp", "abort", 7, 7), ("a", 0, "ep", "run", 7, 8), ("a", 0, "ep", "complete", 8, 8),
-        ("b", 0, "mp", "abort", 8, 8), ("b", 0, "ep", "run", 8, 10), ("b", 0, "ep", "complete", 10, 10)]  # fmt: skip
+        ("a", 0, "mp", "release", 0, 0), ("b", 0, "mp", "release", 0, 0), ("a", 0, "mp", "run", 0, 2),
+        ("b", 0, "mp", "run", 2, 5), ("a", 0, "mp", "run", 5, 7), ("a", 0, "mp", "abort", 7, 7), ("a", 0, "ep", "run", 7, 8),
+        ("a", 0, "ep", "complete", 8, 8), ("b", 0, "mp", "abort", 8, 8), ("b", 0, "ep", "run", 8, 10),
+        ("b", 0, "ep", "complete", 10, 10)]  # fmt: skip
 
 
 def test_the_same_set_under_edf_and_the_file_reads_back():
@@ -241,8 +249,15 @@ def test_the_fitted_log_normal_law_has_what_it_was_fitted_to():
 
 
 def test_models_refuse_what_makes_no_sense():
-    for wrong in (lambda: constant(0), lambda: uniform(5, 4), lambda: log_normal(10, -1), lambda: log_normal(10, 1, 5), lambda: empirical([]),
-                  lambda: two_mode(constant(1), constant(2), 1.5), lambda: from_quantiles([(0, 5), (0.9, 3), (1, 9)]),
-                  lambda: fit_log_normal(0.9, 140, 50, 400)):
+    for wrong in (
+        lambda: constant(0),
+        lambda: uniform(5, 4),
+        lambda: log_normal(10, -1),
+        lambda: log_normal(10, 1, 5),
+        lambda: empirical([]),
+        lambda: two_mode(constant(1), constant(2), 1.5),
+        lambda: from_quantiles([(0, 5), (0.9, 3), (1, 9)]),
+        lambda: fit_log_normal(0.9, 140, 50, 400),
+    ):
         with pytest.raises(ValueError, match="^[^\n]+$"):
             wrong()

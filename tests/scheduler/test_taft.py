@@ -36,7 +36,11 @@ def test_expected_time_first_then_what_is_beyond_it_and_the_exception_last():
     trace = simulate(pairs((2, 1, 10), (3, 2, 10)), "taft", 10, {"p0": [9], "p1": [9]})
     assert ran(trace) == [("p0", 0, 0, 2), ("p1", 0, 2, 5), ("p0", 0, 5, 7), ("p0.ep", 0, 7, 8), ("p1.ep", 0, 8, 10)]
     assert events(trace, "abort", "complete") == [
-        (7, "abort", "p0", 0), (8, "complete", "p0.ep", 0), (8, "abort", "p1", 0), (10, "complete", "p1.ep", 0)]
+        (7, "abort", "p0", 0),
+        (8, "complete", "p0.ep", 0),
+        (8, "abort", "p1", 0),
+        (10, "complete", "p1.ep", 0),
+    ]
 
 
 def test_a_completion_moves_the_other_exception_parts_later():
@@ -91,8 +95,19 @@ def by_the_rules(pair_list, until, times):
     """TAFT by its six rules, deciding anew in every unit; returns (runs per unit, events) to compare with the engine's."""
     far = until + 40
     jobs = [
-        dict(task=i, job=k, release=r, due=r + p.deadline, had=0, need=times[i][min(k, len(times[i]) - 1)], ecet=p.ecet, ep=p.ep_wcet, state="mp")
-        for i, p in enumerate(pair_list) for k, r in enumerate(range(p.offset, far, p.period))
+        dict(
+            task=i,
+            job=k,
+            release=r,
+            due=r + p.deadline,
+            had=0,
+            need=times[i][min(k, len(times[i]) - 1)],
+            ecet=p.ecet,
+            ep=p.ep_wcet,
+            state="mp",
+        )
+        for i, p in enumerate(pair_list)
+        for k, r in enumerate(range(p.offset, far, p.period))
     ]
     units, told = [], set()
     for now in range(until + 1):
@@ -240,7 +255,7 @@ def check_latest(pair_list, trace, jobs, due, ep):
 
     Those are the parts of jobs due by d that have not completed before; what a part has run before counts as done.
     """
-    release, end = jobs["release"].to_numpy(), jobs["end"].fillna(1 << 60).to_numpy(np.int64)
+    end = jobs["end"].fillna(1 << 60).to_numpy(np.int64)
     aborted = jobs["aborted"].fillna(1 << 60).to_numpy(np.int64)
     main_end = np.where(aborted < 1 << 60, 1 << 60, end)
     number = {key: i for i, key in enumerate(zip(jobs["task"], jobs["job"], strict=True))}
@@ -301,9 +316,9 @@ SETS = [pairs(a, b) for a in ROWS for b in ROWS if a[2] <= b[2] and taft_utiliza
 def test_how_far_the_acceptance_tests_are_from_exact():
     """All sets of two pairs with periods 2 to 6 and a utilisation up to 1, which EDF with C = ECET + EP could all schedule.
 
-    `together`: TAFT keeps its promises, tried by a run through one cycle with endless main parts, released together. `any`: so it does
-    for all offsets, all different ones tried. The plan test is exact for the first, the demand test sufficient for the second; at
-    full utilisation (True) it mostly cannot tell.
+    `together`: TAFT keeps its promises, tried by a run through one cycle with endless main parts, released together. `any`: so it
+    does for all offsets, all different ones tried. The plan test is exact for the first, the demand test sufficient for the
+    second; at full utilisation (True) it mostly cannot tell.
     """
     sets, count = {}, {}
     for pair_list in SETS:
@@ -333,4 +348,4 @@ def test_endless_main_parts_are_the_worst_case():
             continue
         counts = [cycle // p.period for p in pair_list]
         for needs in product((1, 99), repeat=sum(counts)):
-            assert keeps(pair_list, cycle, [needs[: counts[0]], needs[counts[0]:]])
+            assert keeps(pair_list, cycle, [needs[: counts[0]], needs[counts[0] :]])
