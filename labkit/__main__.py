@@ -128,6 +128,18 @@ def _schedule(args: argparse.Namespace) -> None:
     _print_json(verdict)
 
 
+def _windows(args: argparse.Namespace) -> None:
+    from labkit.scheduler.windows import read_chain, windows
+
+    made = windows(read_chain(args.chain), args.period_ns, args.reserve_ns)
+    if args.json:
+        _print_json([asdict(window) for window in made])
+        return
+    print(f"{'phase':20} {'release ns':>14} {'deadline ns':>14} {'end ns':>14} {'spare ns':>14}")
+    for window in made:
+        print(f"{window.phase:20} {window.release_ns:14} {window.deadline_ns:14} {window.end_ns:14} {window.spare_ns:14}")
+
+
 def parser() -> argparse.ArgumentParser:
     """The commands and their options."""
     top = argparse.ArgumentParser(prog="labkit", description="The Real-Time Lab on the command line.")
@@ -165,6 +177,11 @@ def parser() -> argparse.ArgumentParser:
     c.add_argument("--line", type=int, default=32, metavar="BYTES", help="bytes per line (default: %(default)s)")
     c.add_argument("--policy", default="lru", help="replacement: lru, plru, fifo or random (default: %(default)s)")
     c.add_argument("--seed", type=int, default=0, help="for the policy random")
+    c.add_argument("--json", action="store_true")
+    c = add("windows", _windows, "split a period into windows for a chain of phases")
+    c.add_argument("chain", metavar="CHAIN.csv", help="columns phase, part, ecet_ns, wcet_ep_ns")
+    c.add_argument("--period-ns", required=True, type=int, metavar="P")
+    c.add_argument("--reserve-ns", type=int, default=0, metavar="R", help="kept free at the end of the period for clock correction")
     c.add_argument("--json", action="store_true")
     return top
 

@@ -116,3 +116,25 @@ def test_schedule_says_what_is_wrong_with_a_task_set(text, sentence, tmp_path, c
 def test_schedule_without_the_file(capsys):
     assert main(["schedule", "nowhere.json", "--policy", "edf", "--until", "35"]) == 1
     assert "nowhere.json" in capsys.readouterr().err
+
+
+CHAIN = "phase,part,ecet_ns,wcet_ep_ns\nIn,In,4000000,100000\nFilter,arcs,30000000,200000\nFilter,edges,4000000,200000\n"
+
+
+def test_windows_prints_release_and_deadline_of_every_phase(tmp_path, capsys):
+    chain = tmp_path / "chain.csv"
+    chain.write_text(CHAIN)
+    assert main(["windows", str(chain), "--period-ns", "50000000", "--reserve-ns", "2000000", "--json"]) == 0
+    printed = json.loads(capsys.readouterr().out)
+    # demands of 4.1 and 34.4 ms share 48 ms
+    assert [(w["phase"], w["release_ns"], w["deadline_ns"]) for w in printed] == [("In", 0, 5111688), ("Filter", 5111688, 42888312)]
+    assert main(["windows", str(chain), "--period-ns", "50000000"]) == 0
+    assert "Filter" in capsys.readouterr().out
+
+
+def test_a_period_too_short_says_by_how_much(tmp_path, capsys):
+    chain = tmp_path / "chain.csv"
+    chain.write_text(CHAIN)
+    assert main(["windows", str(chain), "--period-ns", "38000000"]) == 1
+    error = capsys.readouterr().err
+    assert "500000 ns too short" in error and "'Filter'" in error

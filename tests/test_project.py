@@ -33,7 +33,7 @@ MODELS = [part for part, floor in FLOOR.items() if floor in (1, 2)]
 #: Standing on the ground: the contract knows no other part, and models know nothing of experiments.
 STRANGERS = {(part, "experiment") for part in [*MODELS, "trace", "figures"]}
 #: Third-party module -> the declared dependency that brings it.
-BROUGHT_BY = {"typing_extensions": "pydantic", "IPython": "ipywidgets", "annotated_types": "annotated-types"}
+BROUGHT_BY = {"typing_extensions": "pydantic", "IPython": "ipywidgets", "traitlets": "ipywidgets", "annotated_types": "annotated-types"}
 HEAVY = {"pandas", "scipy", "plotly", "ipywidgets", "filterpy", "matplotlib", "IPython"}
 
 
@@ -201,11 +201,18 @@ def cells(path: Path, kind: str) -> list[dict]:
     return [cell for cell in json.loads(path.read_text(encoding="utf-8"))["cells"] if cell["cell_type"] == kind]
 
 
-def test_notebooks_are_numbered_without_gaps_and_begin_at_the_start():
+def test_notebooks_have_a_number_each_and_begin_at_the_start():
     names = [path.name for path in NOTEBOOKS]
     assert names and names[0] == "00_start_here.ipynb"
-    assert [name[:3] for name in names] == [f"{number:02d}_" for number in range(len(names))]
     assert all(re.fullmatch(r"\d\d_[a-z0-9_]+\.ipynb", name) for name in names)
+    assert len({name[:2] for name in names}) == len(names), "two notebooks share a number"
+
+
+@pytest.mark.parametrize("page", ["README.md", "notebooks/00_start_here.ipynb"])
+def test_the_map_has_every_notebook(page):
+    text = (ROOT / page).read_text(encoding="utf-8")
+    missing = [path.name for path in NOTEBOOKS if path.name not in text and path.name != Path(page).name]
+    assert not missing
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)

@@ -7,12 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from labkit.figures.style import GREEN, GREY, INK, PALE, VERMILION, axis, colours, layout
+from labkit.figures.style import GREEN, GREY, INK, PALE, PUBLISHED, VERMILION, axis, colours, layout
 from labkit.scheduler.windows import Window
 from labkit.trace import Trace
 
 MS = 1e-6  # ms in a ns
-PUBLISHED = {"symbol": "diamond-open", "size": 13, "color": INK, "line": {"width": 3}}
 
 
 def short(name: str) -> str:

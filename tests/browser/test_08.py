@@ -1,0 +1,33 @@
+"""Notebook 08 as a person meets it: shorten the period until nothing fits, click a broken promise, move the expected time."""
+
+import pytest
+from playwright.sync_api import expect
+
+pytestmark = pytest.mark.browser
+
+
+def test_taft_phases(open_notebook):
+    nb = open_notebook("08_taft_phases.ipynb")
+    nb.run_all(120_000)
+    windows, designs, timeliness = (nb.page.locator(".lab-bench").nth(i) for i in range(3))
+    expect(windows.locator(".lab-metrics")).to_contain_text("3.9 ms")
+    nb.figure(0)
+    for _ in range(4):
+        nb.page.locator(".lab-bench").nth(0).locator(".lab-period .noUi-handle").press("ArrowLeft")
+    expect(windows.locator(".lab-metrics")).to_contain_text("missing")
+    expect(windows.locator(".lab-metrics")).to_contain_text("0.1 ms")
+
+    expect(designs.locator(".lab-metrics")).to_contain_text("broken in 8")
+    figure = nb.figure(1)
+    figure.scroll_into_view_if_needed()
+    cell = figure.locator(".scatterlayer .trace").last.locator(".points path").nth(4 * 1 + 2)  # taft thread, G3
+    box = cell.bounding_box()
+    nb.page.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    expect(designs.locator(".lab-code")).to_contain_text("design='taft thread'")
+    nb.screenshot("08-designs")
+
+    nb.figure(2).scroll_into_view_if_needed()
+    expect(timeliness.locator(".lab-metrics")).to_contain_text("84 periods")
+    timeliness.locator(".lab-arcs-ecet .noUi-handle").press("ArrowLeft")
+    expect(timeliness.locator(".lab-metrics")).not_to_contain_text("84 periods")
+    nb.screenshot("08-timeliness")
