@@ -155,8 +155,11 @@ def trace_of(jobs: Jobs, outcome: Outcome, names: Sequence[str], priority: np.nd
     add(time, 6, "switch", task, other, value, state)
 
     table = np.concatenate(parts, axis=1)
-    table = table[:, np.lexsort((table[3], table[1], table[0]))]
-    columns = np.ascontiguousarray(table[[0, 2, 3, 4, 5, 6]])
+    if until < 1 << 40 and len(names) < 1 << 16:  # one key is sorted in a third of the time of three
+        order = np.argsort((table[0] * 8 + table[1]) * len(names) + table[3], kind="stable")
+    else:
+        order = np.lexsort((table[3], table[1], table[0]))
+    columns = np.ascontiguousarray(table[[0, 2, 3, 4, 5, 6]][:, order])
     return Trace(*columns, names=tuple(names), hz=hz, start=0, end=until)
 
 
