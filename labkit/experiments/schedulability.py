@@ -1,4 +1,4 @@
-"""Notebook 07: one task set under rate monotonic, EDF and TAFT; bounds beside simulations; a pair that the plain sum lets starve."""
+"""Notebook 07: one task set under RM, EDF and TAFT; bounds beside simulations; a pair that the plain sum lets starve."""
 
 from __future__ import annotations
 
@@ -14,7 +14,14 @@ from labkit.experiment import Experiment, Labels, Metric, Verdict
 from labkit.figures.margins import Response, responses
 from labkit.figures.schedule import Panel, schedule
 from labkit.scheduler.analysis import (
-    edf_response_times, edf_utilization_test, hyperbolic_test, liu_layland_test, response_time_test, response_times, taft_test, taft_utilization,
+    edf_response_times,
+    edf_utilization_test,
+    hyperbolic_test,
+    liu_layland_test,
+    response_time_test,
+    response_times,
+    taft_test,
+    taft_utilization,
     utilization,
 )
 from labkit.scheduler.execution import log_normal
@@ -29,10 +36,14 @@ HORIZON, SHOWN = 2000, 42  # ms simulated, ms in the picture
 #: The run times of the contour filter as a share of its longest: the log-normal law of `acceptance.run_times` over 140 ms.
 FILTER_MEDIAN, FILTER_SIGMA = 0.16, 0.627
 
-Work = Annotated[Literal["worst", "filter", "uniform"],
-                 Labels({"worst": "every job takes C", "filter": "random, 90 % below 0.36 C", "uniform": "random, evenly up to C"}),
-                 Doc("how long the jobs take, the same for all policies")]
-Share = Annotated[int, Interval(ge=20, le=100), MultipleOf(10), Unit("%"), Doc("expected time (ECET) of each main part as a share of its C")]
+Work = Annotated[
+    Literal["worst", "filter", "uniform"],
+    Labels({"worst": "every job takes C", "filter": "random, 90 % below 0.36 C", "uniform": "random, evenly up to C"}),
+    Doc("how long the jobs take, the same for all policies"),
+]
+Share = Annotated[
+    int, Interval(ge=20, le=100), MultipleOf(10), Unit("%"), Doc("expected time (ECET) of each main part as a share of its C")
+]
 
 
 def draw(work: str, wcet: int, jobs: int, rng: np.random.Generator) -> np.ndarray:
@@ -81,36 +92,56 @@ class Schedules(Experiment):
         rng = np.random.default_rng(self.seed)
         tasks = self.tasks()
         times = {t.name: draw(self.work, t.wcet, -(-HORIZON * MS // t.period), rng) for t in tasks}
-        return {policy: simulate(self.pairs() if policy == "taft" else tasks, policy, HORIZON * MS, times, HZ) for policy in ("rm", "edf", "taft")}
+        return {
+            policy: simulate(self.pairs() if policy == "taft" else tasks, policy, HORIZON * MS, times, HZ)
+            for policy in ("rm", "edf", "taft")
+        }
 
     def figure(self, result: dict[str, Trace]) -> dict[str, Any]:
-        titles = {"rm": "Rate monotonic: the shorter period first", "edf": "EDF: the earlier deadline first",
-                  "taft": "TAFT: expected times first, exception parts in time"}
+        titles = {
+            "rm": "Rate monotonic: the shorter period first",
+            "edf": "EDF: the earlier deadline first",
+            "taft": "TAFT: expected times first, exception parts in time",
+        }
         panels = [Panel(titles[policy], trace, self._first_miss(trace)) for policy, trace in result.items()]
         deadlines = {f"task {i}": t * MS for i, t in ((1, self.T1), (2, self.T2), (3, self.T3))}
         return schedule(panels, deadlines, SHOWN, height=590)
 
     @staticmethod
-    def _first_miss(trace: Trace) -> tuple[int, str, str] | None:
+    def _first_miss(trace: Trace) -> str:
         misses = trace.rows("miss")
-        if not len(misses) or misses[0, 0] > SHOWN * MS:
-            return None
+        if not len(misses):
+            return ""
         time, _, task, *_ = misses[0].tolist()
-        return time, trace.names[task].removesuffix(EP), f" misses at {time / MS:g} ms"
+        return f"{trace.names[task].removesuffix(EP)} misses its deadline at {time / MS:g} ms"
 
     def metrics(self, result: dict[str, Trace]) -> list[Metric]:
         tasks, pairs = self.tasks(), self.pairs()
         verdicts = {"RM": response_time_test(rate_monotonic(tasks)), "EDF": edf_utilization_test(tasks), "TAFT": taft_test(pairs)}
-        found = [Metric("worst-case utilisation", 100 * float(utilization(tasks)), "%", note="sum of C / T"),
-                 Metric("expected utilisation", 100 * float(taft_utilization(pairs)), "%", note="sum of (ECET + EP) / T")]
+        found = [
+            Metric("worst-case utilisation", 100 * float(utilization(tasks)), "%", note="sum of C / T"),
+            Metric("expected utilisation", 100 * float(taft_utilization(pairs)), "%", note="sum of (ECET + EP) / T"),
+        ]
         for (name, verdict), trace in zip(verdicts.items(), result.values(), strict=True):
             missed = count(trace, "miss")
-            found.append(Metric(f"{name} missed in {HORIZON // 1000} s", missed, "deadlines", good=not missed, bound=0 if verdict.accepted else None,
-                                note=f"analysis: {'accepted' if verdict.accepted else 'not accepted'}, {verdict.why}"))
+            found.append(
+                Metric(
+                    f"{name} missed in {HORIZON // 1000} s",
+                    missed,
+                    "deadlines",
+                    good=not missed,
+                    bound=0 if verdict.accepted else None,
+                    note=f"analysis: {'accepted' if verdict.accepted else 'not accepted'}, {verdict.why}",
+                )
+            )
         aborts = 100 * count(result["taft"], "abort") / count(result["taft"], "release")
         accepted = ", ".join(name for name, verdict in verdicts.items() if verdict.accepted)
-        return [*found, Metric("TAFT aborted", aborts, "% of main parts"), Metric("accepted by analysis", accepted or "none"),
-                Metric("who meets all deadlines", self._without_miss(result))]
+        return [
+            *found,
+            Metric("TAFT aborted", aborts, "% of main parts"),
+            Metric("accepted by analysis", accepted or "none"),
+            Metric("who meets all deadlines", self._without_miss(result)),
+        ]
 
     @staticmethod
     def _without_miss(result: dict[str, Trace]) -> str:
@@ -129,15 +160,19 @@ class Bounded:
 class ResponseBounds(Experiment):
     """How close does a simulation come to what analysis promises?
 
-    A random set of tasks (UUniFast, periods of 10 to 100 ms), simulated over ten of its longest periods, and the bound on each response time: of
-    fixed-priority analysis for RM, of Spuri's for EDF.
+    A random set of tasks (UUniFast, periods of 10 to 100 ms), simulated over ten of its longest periods, and the bound on each
+    response time: of fixed-priority analysis for RM, of Spuri's for EDF.
     """
 
     policy: Annotated[Literal["rm", "edf"], Labels({"rm": "rate monotonic", "edf": "EDF"}), Doc("who runs first")] = "rm"
     tasks: Annotated[int, Interval(ge=2, le=7), Doc("number of tasks")] = 5
     utilization: Annotated[int, Interval(ge=30, le=95), MultipleOf(5), Unit("%"), Doc("sum of C / T")] = 75
-    start: Annotated[Literal["together", "spread"], Labels({"together": "all at 0", "spread": "at random"}), Doc("first releases")] = "together"
-    least: Annotated[int, Interval(ge=10, le=100), MultipleOf(10), Unit("% of C"), Doc("the shortest a job takes; the longest is C")] = 100
+    start: Annotated[
+        Literal["together", "spread"], Labels({"together": "all at 0", "spread": "at random"}), Doc("first releases")
+    ] = "together"
+    least: Annotated[
+        int, Interval(ge=10, le=100), MultipleOf(10), Unit("% of C"), Doc("the shortest a job takes; the longest is C")
+    ] = 100
     seed: Annotated[int, Interval(ge=0, le=99), Doc("another task set, other times")] = 0
 
     def run(self) -> Bounded:
@@ -146,9 +181,13 @@ class ResponseBounds(Experiment):
         wcets = np.floor(uunifast(self.tasks, self.utilization / 100, 1, rng)[0] * periods).astype(np.int64).clip(1)
         offsets = (rng.random(self.tasks) * periods).astype(np.int64) * (self.start == "spread")
         order = np.argsort(periods, kind="stable")
-        tasks = [PeriodicTask(f"{i}", int(wcets[k]), int(periods[k]), offset=int(offsets[k])) for i, k in enumerate(order, start=1)]
+        tasks = [
+            PeriodicTask(f"{i}", int(wcets[k]), int(periods[k]), offset=int(offsets[k])) for i, k in enumerate(order, start=1)
+        ]
         until = 10 * int(periods.max())
-        times = {t.name: rng.integers(-(-t.wcet * self.least // 100), t.wcet, until // t.period + 1, endpoint=True) for t in tasks}
+        times = {
+            t.name: rng.integers(-(-t.wcet * self.least // 100), t.wcet, until // t.period + 1, endpoint=True) for t in tasks
+        }
         bound = response_times(tasks) if self.policy == "rm" else edf_response_times(tasks)
         longest = self._longest(simulate(tasks, self.policy, until, times, HZ))
         return Bounded(tasks, [bound[t.name] for t in tasks], [longest[t.name] for t in tasks])
@@ -162,8 +201,10 @@ class ResponseBounds(Experiment):
         return longest
 
     def figure(self, result: Bounded) -> dict[str, Any]:
-        rows = [Response(f"T = {t.period / MS:g} ms", None if bound is None else bound / MS, longest / MS, t.deadline / MS)
-                for t, bound, longest in zip(result.tasks, result.bound, result.longest, strict=True)]
+        rows = [
+            Response(f"T = {t.period / MS:g} ms", None if bound is None else bound / MS, longest / MS, t.deadline / MS)
+            for t, bound, longest in zip(result.tasks, result.bound, result.longest, strict=True)
+        ]
         return responses(rows, height=150 + 46 * len(rows))
 
     def metrics(self, result: Bounded) -> list[Metric]:
@@ -173,7 +214,11 @@ class ResponseBounds(Experiment):
             Metric("closest to its bound", max(ratios) if ratios else None, "%", bound=100 if ratios else None),
             Metric("furthest from its bound", min(ratios) if ratios else None, "%", bound=100 if ratios else None),
             Metric("tasks whose bound is late", late, good=not late, note="bound above the deadline, or none"),
-            Metric("tasks late in the simulation", sum(r > t.deadline for t, r in zip(result.tasks, result.longest, strict=True)), bound=late),
+            Metric(
+                "tasks late in the simulation",
+                sum(r > t.deadline for t, r in zip(result.tasks, result.longest, strict=True)),
+                bound=late,
+            ),
         ]
 
 
@@ -218,11 +263,14 @@ class StarvedPair(Experiment):
     def figure(self, result: Trace) -> dict[str, Any]:
         hungry = self.starved(result)
         ecet = {p.name: p.ecet for p in self.pairs()}
-        remark = None
-        if hungry and hungry[0][0] <= SHOWN:
-            time, name, got = hungry[0]
-            remark = time, name, f" had {got} of {ecet[name]} ms"
-        return schedule([Panel("TAFT when every main part takes too long", result, remark)], {p.name: p.deadline for p in self.pairs()}, SHOWN, height=330)
+        time, name, got = hungry[0] if hungry else (0, "", 0)
+        remark = f"{name}, aborted at {time} ms, had {got} of its {ecet[name]} ms" if hungry else ""
+        return schedule(
+            [Panel("TAFT when every main part takes too long", result, remark)],
+            {p.name: p.deadline for p in self.pairs()},
+            SHOWN,
+            height=330,
+        )
 
     def metrics(self, result: Trace) -> list[Metric]:
         pairs, verdict = self.pairs(), taft_test(self.pairs())
@@ -231,7 +279,13 @@ class StarvedPair(Experiment):
         return [
             Metric("sum of (ECET + EP) / T", used, good=used <= 1, note="necessary; not sufficient"),
             Metric("accepted by the safe test", verdict.accepted, good=verdict.accepted, note=f"{verdict.test}: {verdict.why}"),
-            Metric("main parts short of their ECET", len(hungry), f"of {count(result, 'abort')}", good=not hungry, bound=0 if verdict.accepted else None),
+            Metric(
+                "main parts short of their ECET",
+                len(hungry),
+                f"of {count(result, 'abort')}",
+                good=not hungry,
+                bound=0 if verdict.accepted else None,
+            ),
             Metric("deadlines missed", missed, good=not missed, bound=0 if verdict.accepted else None),
         ]
 
@@ -258,7 +312,10 @@ def check_beyond_the_bounds(tasks: Iterable[PeriodicTask]) -> Verdict:
     if accepting:
         return Verdict(False, f"{' and '.join(accepting)} accept it.")
     exact = response_time_test(tasks)
-    return Verdict(exact.accepted, f"{load:.1f} %; both bounds reject it, and exact analysis {'accepts it' if exact.accepted else 'too'}: {exact.why}.")
+    return Verdict(
+        exact.accepted,
+        f"{load:.1f} %; both bounds reject it, and exact analysis {'accepts it' if exact.accepted else 'too'}: {exact.why}.",
+    )
 
 
 def check_fed_pair(answer: StarvedPair) -> Verdict:

@@ -8,7 +8,7 @@ MAX_VALUE = 1 << 31  #: below it no product overflows, as every task a window co
 
 
 def accept_response_time(wcets: np.ndarray, periods: np.ndarray) -> np.ndarray:
-    """Response-time analysis under rate-monotonic priorities, D = T, for integer arrays of shape (sets, tasks); bool of shape (sets,).
+    """Rate-monotonic response-time analysis, D = T, for integer arrays of shape (sets, tasks); bool array of shape (sets,).
 
     Exact for synchronous release and without jitter: with D = T the first job of a task decides, so w = C_i + sum of
     ceil(w / T_j) C_j over the shorter periods is iterated until it settles or passes T_i (Joseph and Pandya 1986; Audsley et al.
