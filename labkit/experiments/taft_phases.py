@@ -133,7 +133,7 @@ class SixDesigns(Experiment):
         trace = run.trace if isinstance(run, DesignRun) else fallback.trace.window(0, 0)
         first_shown = min(self.period_shown, PERIODS - SHOWN)
         gantt = periods_gantt(trace, parts, self.period * MS, first_shown, SHOWN, made, {p.name: p.phase for p in result.chain})
-        text = f"{self.design}, periods {first_shown} and {first_shown + 1}" if isinstance(run, DesignRun) else f"{self.design}: no plan"
+        text = f"Periods {first_shown} and {first_shown + 1}" if isinstance(run, DesignRun) else "No plan"
         gantt["layout"]["annotations"] = [{"text": f"<b>{text}</b>", "xref": "paper", "yref": "paper", "x": 0.46, "y": 1, "yshift": 36, "xanchor": "left",
                                            "showarrow": False, "font": {"size": 17}}]
         return verdict_grid(DESIGNS, self.design, kept, first, gantt)

@@ -96,7 +96,11 @@ class Kernel:
         return self.cpu_hz // per_second
 
     def mutex(self, name: str, protocol: str = "freertos", ceiling: int | None = None, users: Iterable[str] = ()) -> Mutex:
-        """A mutex. For protocol "ceiling" give the ceiling, or the names of the tasks that use it."""
+        """A mutex. For protocol "ceiling" give the ceiling, or the names of the tasks that use it.
+
+        With time slicing, tasks of exactly the ceiling's priority take turns with the holder. The textbook's promises, no
+        deadlock among them, hold without: `Kernel(time_slicing=False)`.
+        """
         return self._mutex(name, protocol, False, ceiling, users)
 
     def recursive_mutex(
