@@ -1,9 +1,6 @@
 """How fast the kernel model is: jobs per second with full trace, beside raw SimPy timeouts per second in the same process."""
 
-import time
-
 import pytest
-import simpy
 
 from labkit.scheduler import Kernel
 
@@ -31,30 +28,6 @@ def simulate(tasks: int) -> int:
     return len(run.trace.rows("complete"))
 
 
-def timeouts(count: int) -> int:
-    """The cheapest thing SimPy does: processes that wait, again and again."""
-    env = simpy.Environment()
-
-    def wait():
-        while True:
-            yield env.timeout(1)
-
-    for _ in range(10):
-        env.process(wait())
-    env.run(until=count // 10)
-    return count
-
-
-def rate(work, argument, repeats: int = 5) -> float:
-    """Best of some repeats, in units per second."""
-    best = 0.0
-    for _ in range(repeats):
-        start = time.perf_counter()
-        done = work(argument)
-        best = max(best, done / (time.perf_counter() - start))
-    return best
-
-
 @pytest.mark.parametrize("tasks", [3, 10, 50])
 def test_jobs_with_full_trace(benchmark, tasks):
     jobs = benchmark(simulate, tasks)
@@ -62,16 +35,5 @@ def test_jobs_with_full_trace(benchmark, tasks):
     benchmark.extra_info["jobs per second"] = round(jobs / benchmark.stats.stats.min)
 
 
-def test_raw_simpy_timeouts(benchmark):
-    count = benchmark(timeouts, JOBS)
-    benchmark.extra_info["timeouts per second"] = round(count / benchmark.stats.stats.min)
-
-
-def test_ratio_of_jobs_to_simpy_timeouts(benchmark):
-    simpy_rate = rate(timeouts, JOBS)
-    ratios = {tasks: rate(simulate, tasks) / simpy_rate for tasks in (3, 10, 50)}
-    benchmark.extra_info["raw SimPy timeouts per second"] = round(simpy_rate)
-    for tasks, ratio in ratios.items():
-        benchmark.extra_info[f"jobs per timeout, {tasks} tasks"] = round(ratio, 3)
-        print(f"{tasks} tasks: {ratio:.2f} jobs per raw SimPy timeout ({ratio * simpy_rate:,.0f} jobs/s)")
-    benchmark(simulate, 3)
+def test_ratio_of_jobs_to_simpy_timeouts(compare):
+    compare({f"{tasks} tasks": (simulate, tasks) for tasks in (3, 10, 50)})

@@ -2,11 +2,8 @@
 process.
 """
 
-import time
-
 import numpy as np
 import pytest
-import simpy
 
 from labkit.scheduler import PeriodicTask, TaskPair, simulate
 
@@ -31,30 +28,6 @@ def run(policy, tasks, until, times):
     return len(simulate(tasks, policy, until, times).rows("release"))
 
 
-def timeouts(count):
-    """The cheapest thing SimPy does: processes that wait, again and again."""
-    env = simpy.Environment()
-
-    def wait():
-        while True:
-            yield env.timeout(1)
-
-    for _ in range(10):
-        env.process(wait())
-    env.run(until=count // 10)
-    return count
-
-
-def rate(work, *arguments, repeats=5):
-    """Best of some repeats, in units per CPU second."""
-    best = 0.0
-    for _ in range(repeats):
-        start = time.process_time()
-        done = work(*arguments)
-        best = max(best, done / (time.process_time() - start))
-    return best
-
-
 @pytest.mark.parametrize(("policy", "tasks"), CASES)
 def test_jobs_with_full_trace(benchmark, policy, tasks):
     made, until, times = job_set(policy, tasks)
@@ -63,13 +36,6 @@ def test_jobs_with_full_trace(benchmark, policy, tasks):
     benchmark.extra_info["jobs per second"] = round(jobs / benchmark.stats.stats.min)
 
 
-def test_ratio_of_jobs_to_simpy_timeouts(benchmark):
-    simpy_rate = rate(timeouts, JOBS)
-    benchmark.extra_info["raw SimPy timeouts per CPU second"] = round(simpy_rate)
-    print(f"\n{simpy_rate:,.0f} raw SimPy timeouts per CPU second")
-    for policy, tasks in CASES:
-        made, until, times = job_set(policy, tasks)
-        jobs_rate = rate(run, policy, made, until, times)
-        benchmark.extra_info[f"jobs per timeout, {policy}, {tasks} tasks"] = round(jobs_rate / simpy_rate, 3)
-        print(f"{policy}, {tasks} tasks: {jobs_rate / simpy_rate:.2f} jobs per raw SimPy timeout, {jobs_rate:,.0f} jobs per CPU second")
-    benchmark(run, "taft", *job_set("taft", 3))
+def test_ratio_of_jobs_to_simpy_timeouts(compare):
+    sets = {(policy, tasks): job_set(policy, tasks) for policy, tasks in CASES}
+    compare({f"{policy}, {tasks} tasks": (run, policy, *sets[policy, tasks]) for policy, tasks in CASES})
