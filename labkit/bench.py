@@ -358,13 +358,17 @@ def predict(question: str, experiment: Experiment, metric: str, choices: Sequenc
         raise ParameterError(f"{experiment.name()} has no metric {metric!r}; it has {', '.join(found)}")
     m = found[metric]
     guess: w.Widget = (w.RadioButtons(options=list(choices), value=None, layout=w.Layout(width="auto")) if choices
-                       else w.FloatText(value=None, layout=w.Layout(width="120px")))
+                       else w.Text(placeholder="your guess", layout=w.Layout(width="120px")))
     reveal = w.Button(description="I have decided", button_style="primary", layout=w.Layout(width="auto", margin="2px 2px 2px 18px"))
     reveal.add_class("lab-predict-reveal")
     answer = w.HTML()
 
     def show(_: Any) -> None:
-        mine = guess.value
+        try:
+            mine = guess.value if choices else float(guess.value) if guess.value else None
+        except ValueError:
+            answer.value = '<div class="lab-error">Write a number, with a point for the decimals.</div>'
+            return
         said = "" if mine is None else f"You said <b>{html.escape(str(mine) if choices else f'{mine:g} {m.unit}')}</b>. "
         right = mine is not None and (mine == m.value if choices else abs(mine - m.value) <= 0.05 * max(1e-12, abs(m.value)))
         answer.value = (f'<div style="border-left:6px solid {"#009E73" if right else "#0072B2"};padding:4px 12px;font-size:16px">'

@@ -10,7 +10,7 @@ from hypothesis import given
 from typing_extensions import Doc
 
 from labkit.experiment import Experiment, Metric, ParameterError, progress
-from labkit.bench import changes, explore, metrics_html
+from labkit.bench import changes, explore, metrics_html, predict
 
 
 class Braking(Experiment):
@@ -176,3 +176,23 @@ def test_changes_are_only_what_differs():
 def test_metrics_are_escaped_and_show_the_published_value():
     page = metrics_html([Metric("a<b", 1234567, "ns", published=3, good=False)])
     assert "a&lt;b" in page and "1\u202f234\u202f567 ns" in page and "published 3 ns" in page and "lab-bad" in page
+
+
+def ask(box, guess):
+    entry, answer = box.children[1].children[0], box.children[2]
+    entry.value = guess
+    next(c for c in box.children[1].children if "lab-predict-reveal" in c._dom_classes).click()
+    return answer.value
+
+
+def test_predict_answers_only_when_asked_and_compares():
+    box = predict("How far?", Braking(), "distance")
+    assert box.children[2].value == ""
+    assert "You said <b>100 mm</b>" in ask(box, "100") and "The model says <b>125 mm</b>" in ask(box, "100")
+    assert "#009E73" in ask(box, "124") and "#009E73" not in ask(box, "100")
+    assert "Write a number" in ask(box, "far") and "You said" not in ask(box, "")
+
+
+def test_predict_names_the_metrics_there_are():
+    with pytest.raises(ParameterError, match="braking has no metric 'height'; it has distance"):
+        predict("How high?", Braking(), "height")
