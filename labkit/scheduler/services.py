@@ -296,7 +296,12 @@ def release(k: Core, task: Task, nominal: int) -> None:
 
 
 def complete(k: Core, task: Task) -> None:
-    """The open job, if there is one, is done."""
+    """The open job, if there is one, is done: at this request, not at the end of its last computation.
+
+    If that end falls on a tick that releases a higher task, the request comes after that task has run, as in the real kernel.
+    Response-time analysis counts to the end of the computation, so a body that is to meet its bound exactly leaves its last
+    cycle to the request.
+    """
     if task.released >= 0:
         deadline = -1 if task.deadline is None else task.released + task.deadline
         k.log((k.now, COMPLETE, task.code, -1, deadline, task.job))

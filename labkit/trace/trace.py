@@ -81,7 +81,10 @@ class Trace:
         return (time - self.start) / self.hz
 
     def window(self, start: int, end: int) -> Trace:
-        """The part from `start` (included) to `end` (excluded). Who runs at `start` is kept as a `switch` row at `start`."""
+        """The part from `start` (included) to `end` (excluded).
+
+        Who runs at `start`, and what is left of a kernel overhead then, are kept as rows at `start`.
+        """
         if not self.start <= start <= end <= self.end:
             raise ValueError(f"window {start}..{end} is not inside the recording {self.start}..{self.end}")
         table = self.rows()
@@ -90,5 +93,8 @@ class Trace:
         if len(before) and start < end:
             first = before[-1].copy()
             first[0], first[3], first[5] = start, -1, -1
-            keep = np.vstack([first, keep])
+            cost = table[(self.time < start) & (self.kind == CODE["overhead"]) & (self.time + self.value > start)]
+            cost[:, 4] -= start - cost[:, 0]
+            cost[:, 0] = start
+            keep = np.vstack([first, cost, keep])
         return Trace(*np.ascontiguousarray(keep.T), names=self.names, hz=self.hz, start=start, end=end)

@@ -3,7 +3,7 @@
 import pytest
 
 from labkit.trace import Trace
-from labkit.trace.folds import holds, overheads, priorities, runs, waits
+from labkit.trace.folds import holds, overheads, priorities, ready, runs, waits
 from labkit.trace.kinds import CODE
 
 A, B, LOCK = 0, 1, 2
@@ -73,3 +73,23 @@ def test_an_empty_trace_has_no_intervals(fold):
 def test_a_lock_taken_twice_by_two_is_told_apart():
     t = trace((0, "take", A, LOCK), (3, "take", B, LOCK), (4, "give", B, LOCK), (6, "give", A, LOCK))
     assert holds(t).tolist() == [[A, LOCK, 0, 6], [B, LOCK, 3, 4]]
+
+
+def test_a_window_that_begins_inside_an_overhead_keeps_what_is_left_of_it():
+    rows = [(0, CODE["switch"], 0, -1, 1, -1), (10, CODE["overhead"], 0, -1, 6, 0), (30, CODE["switch"], 1, 0, 1, 0)]
+    trace = Trace.from_rows(rows, ("a", "b"), 1000, end=40)
+    assert runs(trace).tolist() == [[0, 0, 10], [0, 16, 30], [1, 30, 40]]
+    assert runs(trace.window(13, 35)).tolist() == [[0, 16, 30], [1, 30, 35]]
+
+
+def test_ready_is_preempted_or_not_yet_chosen():
+    state = {"ready": 0, "blocked": 1}
+    rows = [
+        (0, CODE["switch"], 0, -1, 1, -1),
+        (3, CODE["ready"], 1, -1, 2, 0), (3, CODE["switch"], 1, 0, 2, state["ready"]),  # 0 is preempted
+        (5, CODE["ready"], 2, -1, 1, 0),  # becomes ready behind it
+        (7, CODE["switch"], 0, 1, 1, state["blocked"]),
+        (8, CODE["suspend"], 0, 2, 0, 0),  # 2 is suspended before it ever ran
+    ]  # fmt: skip
+    trace = Trace.from_rows(rows, ("a", "b", "c"), 1000, end=10)
+    assert ready(trace).tolist() == [[0, 3, 7], [2, 5, 8]]
