@@ -9,7 +9,7 @@ import functools
 import html
 import threading
 import traceback
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -262,7 +262,7 @@ class Bench(w.VBox):
         progress_listener.set(listener)
         self._progress.layout.visibility = "visible"
         try:
-            with self._reporting():
+            with self._reporting(lambda: run_id == self._run_id):
                 result = experiment.run()
                 with self._lock:  # two runs may end together; only the newest is drawn
                     if run_id == self._run_id:
@@ -273,12 +273,15 @@ class Bench(w.VBox):
             self._progress.layout.visibility = "hidden"
 
     @contextmanager
-    def _reporting(self) -> Iterator[None]:
+    def _reporting(self, awaited: Callable[[], bool] = lambda: True) -> Iterator[None]:
+        """Show what goes wrong inside, unless nobody waits for it any more."""
         try:
             yield
         except Superseded:
             raise
         except Exception as error:  # the boundary to the person at the slider: shown, with its place
+            if not awaited():
+                return
             text = str(error) if isinstance(error, ValueError) else f"{type(error).__name__}: {error}"
             where = "" if isinstance(error, ParameterError) else (
                 f"<details><summary>where</summary><pre>{html.escape(traceback.format_exc())}</pre></details>")

@@ -3,6 +3,8 @@
 import csv
 import json
 import pathlib
+import subprocess
+import sys
 
 import pytest
 
@@ -17,6 +19,12 @@ def test_list_names_every_experiment_with_its_parameters(capsys):
     assert listed["priority-inversion"]["parameters"]["hold"]["allowed"] == "a whole number, 1 to 15 ms"
     assert main(["list"]) == 0
     assert "hold = 6" in capsys.readouterr().out
+
+
+def test_a_reader_that_has_seen_enough_is_no_error():
+    command = subprocess.Popen([sys.executable, "-m", "labkit", "list"], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    command.stdout.close()
+    assert command.stderr.read() == b"" and command.wait(60) == 0
 
 
 def test_run_takes_parameters_and_prints_metrics(capsys):

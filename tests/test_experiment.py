@@ -167,6 +167,29 @@ def test_a_slow_run_does_not_block_and_is_superseded_by_a_newer_slider_position(
     assert bench.result == 300.0 and Slow.finished == [300]
 
 
+class Stumbling(Braking):
+    """Fails slowly at its first speed only."""
+
+    slow: ClassVar[bool] = True
+    gate: ClassVar[threading.Event] = threading.Event()
+
+    def run(self):
+        if self.speed == 500:
+            assert self.gate.wait(10)
+            raise RuntimeError("nobody waits for this any more")
+        return float(self.speed)
+
+
+def test_the_error_of_a_superseded_run_is_not_shown():
+    bench = explore(Stumbling)
+    first = [t for t in threading.enumerate() if t is not threading.current_thread() and t.daemon]
+    bench.controls["speed"].value = 300
+    Stumbling.gate.set()
+    for thread in [*first, *(t for t in threading.enumerate() if t is not threading.current_thread() and t.daemon)]:
+        thread.join(10)
+    assert bench.result == 300.0 and bench._error.value == ""
+
+
 def test_changes_are_only_what_differs():
     old = {"x": np.array([1, 2]), "marker": {"color": ["a"], "size": 3}, "name": "n"}
     new = {"x": np.array([1, 2]), "marker": {"color": ["b"]}, "name": "n"}
