@@ -9,9 +9,15 @@ from importlib import import_module
 from typing import Any
 
 _HOME = {
-    "explore": "labkit.bench", "predict": "labkit.bench",
-    "sweep": "labkit.sweeping", "published": "labkit.data", "published_table": "labkit.data",
-    "Experiment": "labkit.experiment", "Metric": "labkit.experiment", "ParameterError": "labkit.experiment", "Verdict": "labkit.experiment",
+    "explore": "labkit.bench",
+    "predict": "labkit.bench",
+    "sweep": "labkit.sweeping",
+    "published": "labkit.data",
+    "published_table": "labkit.data",
+    "Experiment": "labkit.experiment",
+    "Metric": "labkit.experiment",
+    "ParameterError": "labkit.experiment",
+    "Verdict": "labkit.experiment",
 }
 
 

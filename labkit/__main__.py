@@ -24,9 +24,18 @@ def _list(args: argparse.Namespace) -> None:
 
     known = experiments()
     if args.json:
-        _print_json({name: {"title": cls.title(), "parameters": {
-            p.name: {"default": p.default, "unit": p.unit, "allowed": p.allowed(), "doc": p.doc} for p in cls.parameters()}}
-            for name, cls in known.items()})
+        _print_json(
+            {
+                name: {
+                    "title": cls.title(),
+                    "parameters": {
+                        p.name: {"default": p.default, "unit": p.unit, "allowed": p.allowed(), "doc": p.doc}
+                        for p in cls.parameters()
+                    },
+                }
+                for name, cls in known.items()
+            }
+        )
         return
     for name, cls in known.items():
         print(f"{name}: {cls.title()}")
@@ -53,7 +62,11 @@ def _run(args: argparse.Namespace) -> None:
         return
     print(experiment.code())
     for m in metrics:
-        beside = "".join(f"   ({word}: {value} {m.unit})" for word, value in (("bound", m.bound), ("published", m.published)) if value is not None)
+        beside = "".join(
+            f"   ({word}: {value} {m.unit})"
+            for word, value in (("bound", m.bound), ("published", m.published))
+            if value is not None
+        )
         print(f"    {m.name}: {m.text()}{beside}{'   ' + m.note if m.note else ''}")
 
 
@@ -76,7 +89,7 @@ def _trace(args: argparse.Namespace) -> None:
     table = statistics(trace)
     if args.export:
         writers = {".json": export_chrome, ".csv": export_csv}
-        ending = args.export[args.export.rfind("."):]
+        ending = args.export[args.export.rfind(".") :]
         if ending not in writers:
             raise ValueError(f"--export {args.export}: the ending says the format, it is one of {', '.join(writers)}")
         writers[ending](trace, args.export)
@@ -88,7 +101,7 @@ def _trace(args: argparse.Namespace) -> None:
 
 
 def _replay(args: argparse.Namespace) -> None:
-    from labkit.scheduler import read_scenario, replay, write_events, write_timeline
+    from labkit.kernel import read_scenario, replay, write_events, write_timeline
 
     run = replay(read_scenario(args.scenario))
     for path, write in ((args.timeline, write_timeline), (args.events, write_events)):
@@ -104,7 +117,16 @@ def _cache(args: argparse.Namespace) -> None:
 
     counts = count_trace(args.trace, args.size, args.ways, args.line, args.policy, seed=args.seed)
     if args.json:
-        _print_json({"trace": args.trace, "size": args.size, "ways": args.ways, "line": args.line, "policy": args.policy, "counts": counts})
+        _print_json(
+            {
+                "trace": args.trace,
+                "size": args.size,
+                "ways": args.ways,
+                "line": args.line,
+                "policy": args.policy,
+                "counts": counts,
+            }
+        )
         return
     print(f"{args.size} bytes, {args.ways} ways, lines of {args.line} bytes, policy {args.policy}")
     for kind in ("read", "write"):
@@ -130,7 +152,7 @@ def _schedule(args: argparse.Namespace) -> None:
 
 
 def _windows(args: argparse.Namespace) -> None:
-    from labkit.scheduler.windows import read_chain, windows
+    from labkit.phases.windows import read_chain, windows
 
     made = windows(read_chain(args.chain), args.period_ns, args.reserve_ns)
     if args.json:
@@ -159,7 +181,9 @@ def parser() -> argparse.ArgumentParser:
     c.add_argument("--json", action="store_true")
     c = add("trace", _trace, "statistics of a log of '<name> <us> <0|1>' lines, and its repairs")
     c.add_argument("log")
-    c.add_argument("--clock-hz", type=int, metavar="HZ", help="clock of the 32-bit cycle counter behind the stamps, to undo its wrap")
+    c.add_argument(
+        "--clock-hz", type=int, metavar="HZ", help="clock of the 32-bit cycle counter behind the stamps, to undo its wrap"
+    )
     c.add_argument("--json", action="store_true")
     c.add_argument("--export", metavar="OUT", help="OUT.json for Perfetto or chrome://tracing, OUT.csv for the events")
     c = add("replay", _replay, "run a kernel scenario and write who ran when")
@@ -167,7 +191,11 @@ def parser() -> argparse.ArgumentParser:
     c.add_argument("--timeline", metavar="T.csv", help="who consumed each tick: start,end,task")
     c.add_argument("--events", metavar="E.csv", help="every kernel event: tick,event,task,detail")
     c = add("schedule", _schedule, "schedule a set of periodic tasks and print as JSON whether its acceptance test takes it")
-    c.add_argument("tasks", metavar="TASKS.json", help="tasks with name, period, deadline, offset, times, and wcet or (taft) ecet and ep_wcet")
+    c.add_argument(
+        "tasks",
+        metavar="TASKS.json",
+        help="tasks with name, period, deadline, offset, times, and wcet or (taft) ecet and ep_wcet",
+    )
     c.add_argument("--policy", required=True, choices=("rm", "dm", "edf", "taft"))
     c.add_argument("--until", required=True, type=int, metavar="N", help="length of the schedule in time units")
     c.add_argument("--trace", metavar="OUT.csv", help="write who ran when: task,job,part,event,start,end")
@@ -182,7 +210,9 @@ def parser() -> argparse.ArgumentParser:
     c = add("windows", _windows, "split a period into windows for a chain of phases")
     c.add_argument("chain", metavar="CHAIN.csv", help="columns phase, part, ecet_ns, wcet_ep_ns")
     c.add_argument("--period-ns", required=True, type=int, metavar="P")
-    c.add_argument("--reserve-ns", type=int, default=0, metavar="R", help="kept free at the end of the period for clock correction")
+    c.add_argument(
+        "--reserve-ns", type=int, default=0, metavar="R", help="kept free at the end of the period for clock correction"
+    )
     c.add_argument("--json", action="store_true")
     return top
 

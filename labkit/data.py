@@ -15,7 +15,9 @@ def published(name: str) -> Path:
     """Path of one published file; ValueError lists those there are."""
     path = FOLDER / name
     if not path.is_file():
-        raise ValueError(f"no published file {name!r}; there are {', '.join(sorted(p.name for p in FOLDER.glob('*.*') if p.suffix != '.md'))}")
+        raise ValueError(
+            f"no published file {name!r}; there are {', '.join(sorted(p.name for p in FOLDER.glob('*.*') if p.suffix != '.md'))}"
+        )
     return path
 
 

@@ -120,14 +120,22 @@ def _parameter(name: str, field: Any) -> Parameter:
     known: dict[str, Any] = {}
     for item in field.metadata:
         match item:
-            case at.Ge(): known["low"] = item.ge
-            case at.Le(): known["high"] = item.le
-            case at.Interval(): known |= {"low": item.ge, "high": item.le}
-            case at.MultipleOf(): known["step"] = item.multiple_of
-            case at.Unit(): known["unit"] = item.unit
-            case at.MaxLen(): known["max_length"] = item.max_length
-            case Doc(): known["doc"] = item.documentation
-            case Labels(): known["labels"] = item.text
+            case at.Ge():
+                known["low"] = item.ge
+            case at.Le():
+                known["high"] = item.le
+            case at.Interval():
+                known |= {"low": item.ge, "high": item.le}
+            case at.MultipleOf():
+                known["step"] = item.multiple_of
+            case at.Unit():
+                known["unit"] = item.unit
+            case at.MaxLen():
+                known["max_length"] = item.max_length
+            case Doc():
+                known["doc"] = item.documentation
+            case Labels():
+                known["labels"] = item.text
     kind = field.annotation
     if get_origin(kind) is Literal:
         known["choices"] = get_args(kind)
@@ -230,7 +238,9 @@ class Experiment(BaseModel):
 
 
 #: Set by whoever shows progress; called with the fraction done, it may raise `Superseded`.
-progress_listener: contextvars.ContextVar[Callable[[float], None]] = contextvars.ContextVar("progress", default=lambda fraction: None)
+progress_listener: contextvars.ContextVar[Callable[[float], None]] = contextvars.ContextVar(
+    "progress", default=lambda fraction: None
+)
 
 
 def progress(items: Iterable[T], total: int | None = None) -> Iterator[T]:

@@ -12,7 +12,9 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
-def sweep(experiment: type[Experiment] | Experiment, *, client: Any = None, workers: int = 1, **axes: Iterable[Any]) -> pd.DataFrame:
+def sweep(
+    experiment: type[Experiment] | Experiment, *, client: Any = None, workers: int = 1, **axes: Iterable[Any]
+) -> pd.DataFrame:
     """Run every combination of the values in `axes`; one row each, with the swept parameters and all metrics as columns.
 
     Args:
@@ -27,12 +29,17 @@ def sweep(experiment: type[Experiment] | Experiment, *, client: Any = None, work
     import pandas as pd
 
     if not axes:
-        raise ParameterError("a sweep needs at least one parameter with its values, such as sweep(PriorityInversion, hold=range(1, 16))")
+        raise ParameterError(
+            "a sweep needs at least one parameter with its values, such as sweep(PriorityInversion, hold=range(1, 16))"
+        )
     cls = experiment if isinstance(experiment, type) else type(experiment)
     kept = {} if isinstance(experiment, type) else experiment.model_dump()
     points = [dict(zip(axes, values, strict=True)) for values in product(*axes.values())]
     experiments = [cls(**{**kept, **point}) for point in points]
-    rows = [point | numbers for point, numbers in zip(points, progress(_results(experiments, client, workers), len(points)), strict=True)]
+    rows = [
+        point | numbers
+        for point, numbers in zip(points, progress(_results(experiments, client, workers), len(points)), strict=True)
+    ]
     return pd.DataFrame(rows)
 
 

@@ -36,15 +36,21 @@ def test_run_takes_parameters_and_prints_metrics(capsys):
     assert "H blocked, semaphore: 13 ms   (bound: 16 ms)" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize(("arguments", "sentence"), [
-    (["run", "priority-reversion"], "there is no experiment 'priority-reversion'; there are three-tasks, priority-inversion"),
-    (["run", "priority-inversion", "--set", "hold=99"], "hold = 99 is not allowed; allowed is a whole number, 1 to 15 ms"),
-    (["run", "priority-inversion", "--set", "hold=x"], "hold = 'x' is not allowed; allowed is a whole number, 1 to 15 ms"),
-    (["run", "priority-inversion", "--set", "holds=1"], "priority-inversion has no parameter 'holds'; it has hold, interference"),
-    (["run", "priority-inversion", "--set", "hold"], "--set 'hold' has no '='; write --set name=value"),
-    (["trace", "nowhere.log"], "nowhere.log: cannot be read"),
-    (["replay", "nowhere.json"], "nowhere.json"),
-])
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["run", "priority-reversion"], "there is no experiment 'priority-reversion'; there are three-tasks, priority-inversion"),
+        (["run", "priority-inversion", "--set", "hold=99"], "hold = 99 is not allowed; allowed is a whole number, 1 to 15 ms"),
+        (["run", "priority-inversion", "--set", "hold=x"], "hold = 'x' is not allowed; allowed is a whole number, 1 to 15 ms"),
+        (
+            ["run", "priority-inversion", "--set", "holds=1"],
+            "priority-inversion has no parameter 'holds'; it has hold, interference",
+        ),
+        (["run", "priority-inversion", "--set", "hold"], "--set 'hold' has no '='; write --set name=value"),
+        (["trace", "nowhere.log"], "nowhere.log: cannot be read"),
+        (["replay", "nowhere.json"], "nowhere.json"),
+    ],
+)
 def test_a_mistake_is_one_sentence_and_exit_code_1(arguments, sentence, capsys):
     assert main(arguments) == 1
     error = capsys.readouterr().err
@@ -65,9 +71,15 @@ def test_replay_reports_a_deadlock(tmp_path, capsys):
     scenario["objects"] = [{"name": n, "kind": "mutex", "length": 1, "init": 1} for n in "AB"]
     orders = {"L": ("A", "B"), "H": ("B", "A")}
     scenario["tasks"] = [
-        {"name": name, "priority": 1 + (name == "H"), "release": 0, "loop_from": None, "program": [
-            ["delay", 1 if name == "H" else 0], ["take", first, None, 0], ["burn", 2], ["take", second, None, 0]]}
-        for name, (first, second) in orders.items()]
+        {
+            "name": name,
+            "priority": 1 + (name == "H"),
+            "release": 0,
+            "loop_from": None,
+            "program": [["delay", 1 if name == "H" else 0], ["take", first, None, 0], ["burn", 2], ["take", second, None, 0]],
+        }
+        for name, (first, second) in orders.items()
+    ]
     path = tmp_path / "deadlock.json"
     path.write_text(json.dumps(scenario))
     assert main(["replay", str(path)]) == 0
@@ -88,8 +100,12 @@ def test_trace_prints_statistics_and_every_repair(tmp_path, capsys):
     assert "it is one of .json, .csv" in capsys.readouterr().err
 
 
-BUTTAZZO = {"tasks": [{"name": "a", "period": 5, "deadline": 5, "offset": 0, "times": [2], "wcet": 2, "ecet": 1, "ep_wcet": 1},
-                      {"name": "b", "period": 7, "deadline": 7, "offset": 0, "times": [4], "wcet": 4, "ecet": 2, "ep_wcet": 1}]}
+BUTTAZZO = {
+    "tasks": [
+        {"name": "a", "period": 5, "deadline": 5, "offset": 0, "times": [2], "wcet": 2, "ecet": 1, "ep_wcet": 1},
+        {"name": "b", "period": 7, "deadline": 7, "offset": 0, "times": [4], "wcet": 4, "ecet": 2, "ep_wcet": 1},
+    ]
+}
 
 
 @pytest.mark.parametrize(("policy", "accepted"), [("rm", False), ("dm", False), ("edf", True), ("taft", True)])
@@ -108,11 +124,16 @@ def test_schedule_judges_a_set_and_writes_who_ran_when(policy, accepted, tmp_pat
     assert 0 < ran <= 35 and sum(row["event"] == "release" for row in rows) == 7 + 5
 
 
-@pytest.mark.parametrize(("text", "sentence"), [
-    ("{", "is not JSON"), ("[" * 100_000, "is not JSON"), ("[]", "a task set is an object"),
-    (json.dumps({"tasks": [{"name": "a", "period": 0, "wcet": 1}]}), "task 'a': period is 0"),
-    (json.dumps({"tasks": [{"name": "a", "period": 5, "wcet": 7}]}), "wcet 7 exceeds its deadline 5 by 2"),
-])
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("{", "is not JSON"),
+        ("[" * 100_000, "is not JSON"),
+        ("[]", "a task set is an object"),
+        (json.dumps({"tasks": [{"name": "a", "period": 0, "wcet": 1}]}), "task 'a': period is 0"),
+        (json.dumps({"tasks": [{"name": "a", "period": 5, "wcet": 7}]}), "wcet 7 exceeds its deadline 5 by 2"),
+    ],
+)
 def test_schedule_says_what_is_wrong_with_a_task_set(text, sentence, tmp_path, capsys):
     tasks = tmp_path / "tasks.json"
     tasks.write_text(text)
@@ -135,7 +156,10 @@ def test_windows_prints_release_and_deadline_of_every_phase(tmp_path, capsys):
     assert main(["windows", str(chain), "--period-ns", "50000000", "--reserve-ns", "2000000", "--json"]) == 0
     printed = json.loads(capsys.readouterr().out)
     # demands of 4.1 and 34.4 ms share 48 ms
-    assert [(w["phase"], w["release_ns"], w["deadline_ns"]) for w in printed] == [("In", 0, 5111688), ("Filter", 5111688, 42888312)]
+    assert [(w["phase"], w["release_ns"], w["deadline_ns"]) for w in printed] == [
+        ("In", 0, 5111688),
+        ("Filter", 5111688, 42888312),
+    ]
     assert main(["windows", str(chain), "--period-ns", "50000000"]) == 0
     assert "Filter" in capsys.readouterr().out
 

@@ -81,7 +81,10 @@ def test_activations_and_idle_are_what_the_errata_say():
     assert round(100 * (idle_on / idle_off - 1), 2) == 17.48
 
     def rates(platform: str, *names: str) -> list[float]:
-        length = {c: sum(int(row["sum_us"]) for key, row in stats.items() if key[:4] == (platform, "50", "30", c)) for c in ("off", "on")}
+        length = {
+            c: sum(int(row["sum_us"]) for key, row in stats.items() if key[:4] == (platform, "50", "30", c))
+            for c in ("off", "on")
+        }
         return sorted(round(count(platform, "50", "30", c, name) / length[c] * 1e6, 1) for c in length for name in names)
 
     assert rates("micro-ROS", "p_ctrl") == [33.0, 33.2]

@@ -9,8 +9,8 @@ from annotated_types import Interval, MaxLen, MultipleOf, Unit
 from hypothesis import given
 from typing_extensions import Doc
 
-from labkit.experiment import Experiment, Metric, ParameterError, progress
 from labkit.bench import changes, explore, metrics_html, predict
+from labkit.experiment import Experiment, Metric, ParameterError, progress
 
 
 class Braking(Experiment):
@@ -31,22 +31,30 @@ class Braking(Experiment):
         return self.speed**2 / 2000 / self.grip * (2 if self.floor == "wet" else 1)
 
     def figure(self, result):
-        return {"data": [{"type": "bar", "x": np.arange(3), "y": np.array([0.0, result, 1.0]), "marker": {"color": ["#000000"] * 3}}],
-                "layout": {"xaxis": {"range": [0, result]}, "shapes": [{"type": "line", "x0": 0, "x1": 1, "y0": 0, "y1": 1}] * (self.speed // 300)}}
+        return {
+            "data": [{"type": "bar", "x": np.arange(3), "y": np.array([0.0, result, 1.0]), "marker": {"color": ["#000000"] * 3}}],
+            "layout": {
+                "xaxis": {"range": [0, result]},
+                "shapes": [{"type": "line", "x0": 0, "x1": 1, "y0": 0, "y1": 1}] * (self.speed // 300),
+            },
+        }
 
     def metrics(self, result):
         return [Metric("distance", result, "mm", published=125, good=result < 200, note="until it stands")]
 
 
-@pytest.mark.parametrize(("values", "sentence"), [
-    ({"speed": 99}, "braking: speed = 99 is not allowed; allowed is a whole number, 100 to 900 mm/s in steps of 50"),
-    ({"speed": 101}, "braking: speed = 101 is not allowed; allowed is a whole number, 100 to 900 mm/s in steps of 50"),
-    ({"floor": "ice"}, "braking: floor = 'ice' is not allowed; allowed is one of dry, wet"),
-    ({"grip": float("nan")}, "braking: grip = nan is not allowed; allowed is 0.5 to 1.5"),
-    ({"loaded": "maybe"}, "braking: loaded = 'maybe' is not allowed; allowed is true or false"),
-    ({"note": "x" * 21}, "braking: note = 'xxxxxxxxxxxxxxxxxxxxx' is not allowed; allowed is text of at most 20 characters"),
-    ({"sped": 100}, "braking has no parameter 'sped'; it has speed, grip, floor, loaded, note"),
-])
+@pytest.mark.parametrize(
+    ("values", "sentence"),
+    [
+        ({"speed": 99}, "braking: speed = 99 is not allowed; allowed is a whole number, 100 to 900 mm/s in steps of 50"),
+        ({"speed": 101}, "braking: speed = 101 is not allowed; allowed is a whole number, 100 to 900 mm/s in steps of 50"),
+        ({"floor": "ice"}, "braking: floor = 'ice' is not allowed; allowed is one of dry, wet"),
+        ({"grip": float("nan")}, "braking: grip = nan is not allowed; allowed is 0.5 to 1.5"),
+        ({"loaded": "maybe"}, "braking: loaded = 'maybe' is not allowed; allowed is true or false"),
+        ({"note": "x" * 21}, "braking: note = 'xxxxxxxxxxxxxxxxxxxxx' is not allowed; allowed is text of at most 20 characters"),
+        ({"sped": 100}, "braking has no parameter 'sped'; it has speed, grip, floor, loaded, note"),
+    ],
+)
 def test_a_wrong_value_is_one_sentence_that_names_field_bound_and_unit(values, sentence):
     with pytest.raises(ParameterError) as error:
         Braking(**values)
@@ -89,6 +97,7 @@ def test_a_parameter_without_bounds_or_words_is_a_fault_of_the_author():
 
 
 # the bench: real widgets, no browser
+
 
 def button(bench, css):
     return next(b for box in bench.children for b in getattr(box, "children", ()) if css in b._dom_classes)

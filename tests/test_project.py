@@ -21,29 +21,51 @@ NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
 
 #: Part of labkit -> its floor. Imports go down, or stay inside the part; a new part gets its line here.
 FLOOR = {
-    "experiment": 0, "trace": 0, "data": 0,
-    "scheduler": 1, "cache": 1, "sink": 1, "fusion": 1, "network": 1,
-    "robot": 2,
-    "figures": 3,
-    "experiments": 4, "sweeping": 4,
-    "bench": 5, "__main__": 5,
-    "labkit": 6,  # the package's own __init__, which names everything and imports it when asked
-}  # fmt: skip
-MODELS = [part for part, floor in FLOOR.items() if floor in (1, 2)]
+    "trace": 0,
+    "experiment": 0,
+    "data": 0,
+    "sweeping": 1,
+    "scheduler": 1,
+    "cache": 1,
+    "sink": 1,
+    "fusion": 1,
+    "network": 1,
+    "kernel": 2,
+    "phases": 3,
+    "robot": 3,
+    "figures": 4,
+    "experiments": 5,
+    "bench": 6,
+    "__main__": 7,
+    "labkit": 8,  # the package's own __init__, which names everything and imports it when asked
+}
+MODELS = ["scheduler", "cache", "sink", "fusion", "network", "kernel", "phases", "robot"]
 #: Standing on the ground: the contract knows no other part, and models know nothing of experiments.
-STRANGERS = {(part, "experiment") for part in [*MODELS, "trace", "figures"]}
+STRANGERS = {(part, "experiment") for part in [*MODELS, "trace", "figures"]} | {
+    ("bench", part) for part in [*MODELS, "trace", "figures", "experiments"]
+}
 #: Third-party module -> the declared dependency that brings it.
-BROUGHT_BY = {"typing_extensions": "pydantic", "IPython": "ipywidgets", "traitlets": "ipywidgets", "annotated_types": "annotated-types"}
+BROUGHT_BY = {
+    "typing_extensions": "pydantic",
+    "IPython": "ipywidgets",
+    "traitlets": "ipywidgets",
+    "annotated_types": "annotated-types",
+}
 HEAVY = {"pandas", "scipy", "plotly", "ipywidgets", "filterpy", "matplotlib", "IPython"}
 
 
 def part(module: str) -> str:
-    """`labkit.scheduler.kernel` -> `scheduler`; the package itself is `labkit`."""
+    """`labkit.kernel.kernel` -> `scheduler`; the package itself is `labkit`."""
     return (module.split(".") + ["labkit"])[1] if "." in module else "labkit"
 
 
-def imports(path: Path) -> Iterator[tuple[str, int, bool]]:
-    """Every imported module with its line and whether it is imported as soon as the file is."""
+def is_module(name: str) -> bool:
+    path = ROOT / Path(*name.split("."))
+    return path.with_suffix(".py").exists() or path.is_dir()
+
+
+def imports(path: Path, types: bool = True) -> Iterator[tuple[str, int, bool]]:
+    """Every imported module with its line and whether it is imported as soon as the file is; with `types`, for the type checker too."""
     source = ast.parse((ROOT / path).read_text(encoding="utf-8"))
     package = ".".join(path.with_suffix("").parts[:-1])
 
@@ -54,14 +76,15 @@ def imports(path: Path) -> Iterator[tuple[str, int, bool]]:
             elif isinstance(child, ast.ImportFrom):
                 outer = package.rsplit(".", child.level - 1)[0] if child.level else ""
                 base = ".".join(filter(None, (outer, child.module)))
-                if base == "labkit":  # from labkit import scheduler
-                    yield from ((f"labkit.{alias.name}", child.lineno, at_once) for alias in child.names)
-                else:
+                inner = [alias.name for alias in child.names if base == "labkit" or is_module(f"{base}.{alias.name}")]
+                yield from ((f"{base}.{name}", child.lineno, at_once) for name in inner)  # from labkit.kernel import services
+                if len(inner) < len(child.names):
                     yield base, child.lineno, at_once
             else:
                 later = isinstance(child, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda)
                 typing_only = isinstance(child, ast.If) and "TYPE_CHECKING" in ast.unparse(child.test)
-                yield from walk(child, at_once and not later and not typing_only)
+                if types or not typing_only:
+                    yield from walk(child, at_once and not later and not typing_only)
 
     return walk(source, True)
 
@@ -81,6 +104,26 @@ def test_imports_go_down_only(path):
         assert there in FLOOR, f"{path}:{line}: labkit has no part {there!r}"
         assert FLOOR[there] < FLOOR[here], f"{path}:{line}: {here} (floor {FLOOR[here]}) imports {there} (floor {FLOOR[there]})"
         assert (here, there) not in STRANGERS, f"{path}:{line}: {here} knows nothing of {there}"
+
+
+def test_no_module_imports_itself_around_a_corner():
+    """Circles, imports inside functions included; what only a type checker reads is none."""
+    names = {".".join(path.with_suffix("").parts).removesuffix(".__init__"): path for path in MODULES}
+    graph: dict[str, set[str]] = {}
+    for name, path in names.items():
+        wanted = {module for module, _, _ in imports(path, types=False)}
+        graph[name] = {module for module in wanted if module in names and module != name and not name.startswith(module + ".")}
+    done: set[str] = set()
+
+    def visit(name: str, above: tuple[str, ...]) -> None:
+        assert name not in above, " -> ".join([*above[above.index(name) :], name])
+        if name not in done:
+            for module in sorted(graph[name]):
+                visit(module, (*above, name))
+            done.add(name)
+
+    for name in graph:
+        visit(name, ())
 
 
 @pytest.mark.parametrize("path", MODULES, ids=str)
@@ -112,23 +155,37 @@ def test_every_foreign_import_is_a_declared_dependency(path):
 
 def test_the_floor_test_sees_what_it_must(tmp_path):
     """The import reader itself: relative, nested, deferred and type-only imports."""
-    code = "\n".join([
-        "import numpy, labkit.trace", "from ..trace import Trace", "from . import rta", "from labkit import cache",
-        "if TYPE_CHECKING:", "    import pandas", "class A:", "    def f(self):", "        import scipy.stats",
-    ])  # fmt: skip
+    code = "\n".join(
+        [
+            "import numpy, labkit.trace",
+            "from ..trace import Trace",
+            "from . import rta",
+            "from labkit import cache",
+            "if TYPE_CHECKING:",
+            "    import pandas",
+            "class A:",
+            "    def f(self):",
+            "        import scipy.stats",
+        ]
+    )
     (tmp_path / "labkit").mkdir()
     (tmp_path / "labkit" / "kernel.py").write_text(code, encoding="utf-8")
-    path = Path("labkit/scheduler/kernel.py")
+    path = Path("labkit/kernel/kernel.py")
     (tmp_path / path).parent.mkdir()
     (tmp_path / path).write_text(code, encoding="utf-8")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(sys.modules[__name__], "ROOT", tmp_path)
         found = list(imports(path))
     assert [(module, at_once) for module, _, at_once in found] == [
-        ("numpy", True), ("labkit.trace", True), ("labkit.trace", True), ("labkit.scheduler", True), ("labkit.cache", True),
-        ("pandas", False), ("scipy.stats", False),
-    ]  # fmt: skip
-    assert home(path) == "scheduler" and part("labkit.trace.kinds") == "trace" and part("labkit") == "labkit"
+        ("numpy", True),
+        ("labkit.trace", True),
+        ("labkit.trace", True),
+        ("labkit.kernel", True),
+        ("labkit.cache", True),
+        ("pandas", False),
+        ("scipy.stats", False),
+    ]
+    assert home(path) == "kernel" and part("labkit.trace.kinds") == "trace" and part("labkit") == "labkit"
 
 
 def test_import_of_labkit_brings_nothing_heavy():

@@ -11,7 +11,9 @@ AXES = {"hold": range(4, 7), "protocol": ("freertos", "ceiling")}
 
 def test_rows_are_all_combinations_in_order():
     table = sweep(PriorityInversion(interference=5), **AXES)
-    assert list(zip(table["hold"], table["protocol"], strict=True)) == [(h, p) for h in (4, 5, 6) for p in ("freertos", "ceiling")]
+    assert list(zip(table["hold"], table["protocol"], strict=True)) == [
+        (h, p) for h in (4, 5, 6) for p in ("freertos", "ceiling")
+    ]
     assert (table["H blocked, semaphore"] == [6, 6, 7, 7, 8, 8]).all()
 
 

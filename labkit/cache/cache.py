@@ -38,9 +38,18 @@ class Cache:
         log: every record is appended to it, in order.
     """
 
-    def __init__(self, memory: Memory, geometry: Geometry = DCACHE, policy: str | Policy = "lru", *, seed: int = 0,
-                 dynamic_read_allocate: bool = False, force_write_through: bool = False, shared_write_through: bool = False,
-                 log: list[Record] | None = None) -> None:
+    def __init__(
+        self,
+        memory: Memory,
+        geometry: Geometry = DCACHE,
+        policy: str | Policy = "lru",
+        *,
+        seed: int = 0,
+        dynamic_read_allocate: bool = False,
+        force_write_through: bool = False,
+        shared_write_through: bool = False,
+        log: list[Record] | None = None,
+    ) -> None:
         for region in memory.regions:
             if region.start % geometry.line or region.size % geometry.line:
                 raise ValueError(f"region {region.name} is no whole number of {geometry.line}-byte lines")
@@ -135,8 +144,9 @@ class Cache:
         length = self.geometry.line
         spans = [(max(address, line), min(address + size, line + length)) for line in self.geometry.span(address, size)]
         if (size not in (1, 2, 4, 8) or address % size) and any(self.memory.attribute(at).device for at, _ in spans):
-            raise ValueError(f"access of {size} bytes at {address:#x}; "
-                             "device memory takes aligned accesses of 1, 2, 4 or 8 bytes only")
+            raise ValueError(
+                f"access of {size} bytes at {address:#x}; device memory takes aligned accesses of 1, 2, 4 or 8 bytes only"
+            )
         self._number += 1
         allocate = True
         if self._stores and not self._bypass(self.memory.attribute(address)):
@@ -144,7 +154,7 @@ class Cache:
                 self._stores.load(address, size)
             if op != "read":
                 allocate = not self._stores.store(address, size)
-        return tuple(self._piece(op, at, end - at, data[at - address:end - address], allocate) for at, end in spans)
+        return tuple(self._piece(op, at, end - at, data[at - address : end - address], allocate) for at, end in spans)
 
     def _piece(self, op: str, address: int, size: int, data: bytes, allocate: bool) -> Access:
         """The part of an access that lies in one line."""
@@ -154,29 +164,61 @@ class Cache:
             got = data if op == "write" else self.memory.read(address, size)
             if op != "read":
                 self.memory.write(address, data)
-            return self._log(Access(self._number, op, address, size, got, line, -1, -1, bypass,
-                                    hit=False, filled=False, victim=None, written_back=False, to_memory=op != "read"))
+            return self._log(
+                Access(
+                    self._number,
+                    op,
+                    address,
+                    size,
+                    got,
+                    line,
+                    -1,
+                    -1,
+                    bypass,
+                    hit=False,
+                    filled=False,
+                    victim=None,
+                    written_back=False,
+                    to_memory=op != "read",
+                )
+            )
 
         index, way = self.geometry.set_index(address), self._way.get(line)
         hit, filled, victim, written_back, to_memory = way is not None, False, None, False, False
         if way is not None:
             self.policy.touch(index, way)
-        elif op != "write" or attribute.write_allocate and allocate:
+        elif op != "write" or (attribute.write_allocate and allocate):
             way, victim, written_back = self._fill(line)
             filled = True
         held = None if way is None else self._sets[index][way]
         got = data
         if held is not None and op != "write":
-            got = bytes(held.data[address - line:address - line + size])
+            got = bytes(held.data[address - line : address - line + size])
         if op != "read":
             to_memory = held is None or not attribute.write_back or attribute.shareable or self.force_write_through
             if held is not None:
-                held.data[address - line:address - line + size] = data
+                held.data[address - line : address - line + size] = data
                 held.dirty |= not to_memory
             if to_memory:
                 self.memory.write(address, data)
-        return self._log(Access(self._number, op, address, size, got, line, index, -1 if way is None else way, "",
-                                hit, filled, victim, written_back, to_memory))
+        return self._log(
+            Access(
+                self._number,
+                op,
+                address,
+                size,
+                got,
+                line,
+                index,
+                -1 if way is None else way,
+                "",
+                hit,
+                filled,
+                victim,
+                written_back,
+                to_memory,
+            )
+        )
 
     def _fill(self, line: int) -> tuple[int, int | None, bool]:
         """Fetch a line into its set: the way it got, the line that made room, and whether that was written back."""
@@ -197,9 +239,10 @@ class Cache:
         self.policy.fill(index, way)
         return way, victim, written_back
 
-    def _maintain(self, op: str, address: int | None, size: int | None, round_size: bool, *, write_back: bool,
-                  drop: bool) -> Operation:
-        if (address is None) != (size is None) or size is not None and size < 0 or address is not None and address < 0:
+    def _maintain(
+        self, op: str, address: int | None, size: int | None, round_size: bool, *, write_back: bool, drop: bool
+    ) -> Operation:
+        if (address is None) != (size is None) or (size is not None and size < 0) or (address is not None and address < 0):
             raise ValueError(f"{op} with address {address} and size {size}; give both, not below 0, or none for the whole cache")
         lines, neighbours, missed = None, (), None
         if address is not None and size is not None:
@@ -221,8 +264,9 @@ class Cache:
                 self.policy.invalidate(index, way)
         return self._log(Operation(op, address, size, lines, neighbours, missed, tuple(written), tuple(dropped), tuple(lost)))
 
-    def _rounded(self, address: int, size: int,
-                 round_size: bool) -> tuple[range, tuple[tuple[int, int], ...], tuple[int, int] | None]:
+    def _rounded(
+        self, address: int, size: int, round_size: bool
+    ) -> tuple[range, tuple[tuple[int, int], ...], tuple[int, int] | None]:
         """The lines a by-address operation works on, the bytes in them that were not asked for, and the tail it misses."""
         length = self.geometry.line
         start, end = self.geometry.line_address(address), address + size

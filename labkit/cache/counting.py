@@ -21,17 +21,36 @@ from labkit.cache.stores import streaming_stores
 #: What both ways of counting report. Reads and writes are accesses (a modify counts as one read) and a straddling access misses
 #: at most once, as cachegrind counts; the rest counts lines: touched, fetched, replaced, written back, stores sent to memory, and
 #: accesses that bypass the cache (none in a trace that is only counted).
-COUNTS = ("reads", "writes", "read_misses", "write_misses", "lines_touched", "fills", "evictions", "write_backs",
-          "stores_to_memory", "uncached")
+COUNTS = (
+    "reads",
+    "writes",
+    "read_misses",
+    "write_misses",
+    "lines_touched",
+    "fills",
+    "evictions",
+    "write_backs",
+    "stores_to_memory",
+    "uncached",
+)
 WRITE_POLICIES = ("write-back", "write-through")
 SetLoop = Callable[[Iterable[tuple[int, int]], "list[bool] | None", int, "list[int]"], Iterable[int]]
 _MOST_LEVELS = 16  # ways up to which the LRU stack is unrolled level by level
 _LARGEST_TABLE = 8  # ways up to which what a use makes of the tree bits is tabulated
 
 
-def count_trace(trace: str | PathLike[str] | References, size: int = 16384, ways: int = 4, line: int = 32, policy: str = "lru", *,
-                write_policy: str = "write-back", write_allocate: bool = True, dynamic_read_allocate: bool = False,
-                seed: int = 0) -> dict[str, int]:
+def count_trace(
+    trace: str | PathLike[str] | References,
+    size: int = 16384,
+    ways: int = 4,
+    line: int = 32,
+    policy: str = "lru",
+    *,
+    write_policy: str = "write-back",
+    write_allocate: bool = True,
+    dynamic_read_allocate: bool = False,
+    seed: int = 0,
+) -> dict[str, int]:
     """Counts of a trace, file or columns, in a cache that is empty at first; reference sizes are cut to a line as in cachegrind.
 
     Returns:
@@ -42,12 +61,27 @@ def count_trace(trace: str | PathLike[str] | References, size: int = 16384, ways
     """
     geometry = Geometry(size, ways, line)
     references = trace if isinstance(trace, References) else read_trace(trace)
-    return count(references.clipped(line), geometry, policy, write_policy=write_policy, write_allocate=write_allocate,
-                 dynamic_read_allocate=dynamic_read_allocate, seed=seed)
+    return count(
+        references.clipped(line),
+        geometry,
+        policy,
+        write_policy=write_policy,
+        write_allocate=write_allocate,
+        dynamic_read_allocate=dynamic_read_allocate,
+        seed=seed,
+    )
 
 
-def count(references: References, geometry: Geometry, policy: str = "lru", *, write_policy: str = "write-back",
-          write_allocate: bool = True, dynamic_read_allocate: bool = False, seed: int = 0) -> dict[str, int]:
+def count(
+    references: References,
+    geometry: Geometry,
+    policy: str = "lru",
+    *,
+    write_policy: str = "write-back",
+    write_allocate: bool = True,
+    dynamic_read_allocate: bool = False,
+    seed: int = 0,
+) -> dict[str, int]:
     """Counts of references of any size; arguments and errors otherwise as `count_trace`."""
     if policy not in POLICIES:
         raise ValueError(f"no replacement policy {policy!r}; there are {', '.join(POLICIES)}")
@@ -84,8 +118,18 @@ def count(references: References, geometry: Geometry, policy: str = "lru", *, wr
     if owner is not None:
         missed = np.unique(owner[missed])
     reads, read_misses = np.count_nonzero(op != STORE), np.count_nonzero(op[missed] != STORE)
-    values = (reads, len(op) - reads, read_misses, len(missed) - read_misses, len(lines),
-              np.count_nonzero(allocates[keep[head_misses]]), evictions, write_backs, np.count_nonzero(straight), 0)
+    values = (
+        reads,
+        len(op) - reads,
+        read_misses,
+        len(missed) - read_misses,
+        len(lines),
+        np.count_nonzero(allocates[keep[head_misses]]),
+        evictions,
+        write_backs,
+        np.count_nonzero(straight),
+        0,
+    )
     return dict(zip(COUNTS, map(int, values)))
 
 
@@ -103,8 +147,9 @@ def _heads(lines: np.ndarray, stores: np.ndarray, allocates: np.ndarray) -> tupl
     return keep, np.logical_or.reduceat(stores, keep)
 
 
-def _simulate(lines: np.ndarray, dirtied: np.ndarray, allocates: np.ndarray, geometry: Geometry, policy: str,
-              seed: int) -> tuple[np.ndarray, int, int]:
+def _simulate(
+    lines: np.ndarray, dirtied: np.ndarray, allocates: np.ndarray, geometry: Geometry, policy: str, seed: int
+) -> tuple[np.ndarray, int, int]:
     """Indices of the misses, number of evictions and of write-backs. Works set by set, in order of time within a set."""
     if not len(lines):
         return np.zeros(0, dtype=np.int64), 0, 0
@@ -128,8 +173,9 @@ def _stable_order(keys: np.ndarray) -> np.ndarray:
     return order[_stable_order(rest[order])] if rest.any() else order
 
 
-def _write_backs(line: np.ndarray, fills: np.ndarray, misses: np.ndarray, dirtied: np.ndarray, resident: np.ndarray,
-                 geometry: Geometry) -> int:
+def _write_backs(
+    line: np.ndarray, fills: np.ndarray, misses: np.ndarray, dirtied: np.ndarray, resident: np.ndarray, geometry: Geometry
+) -> int:
     """A line is written back once per stay in the cache in which it was stored to, except for the stays that last to the end."""
     starts = np.zeros(len(line), dtype=bool)
     starts[fills] = True
@@ -158,7 +204,7 @@ def _lru_levels(line: np.ndarray, geometry: Geometry) -> tuple[np.ndarray, np.nd
         index = wanted & (geometry.sets - 1)
         head = np.ones(len(at), dtype=bool)  # first of its set
         np.not_equal(index[1:], index[:-1], out=head[1:])
-        resident.append(held[np.append(head[1:], True)[:len(at)]])
+        resident.append(held[np.append(head[1:], True)[: len(at)]])
         before = np.empty_like(held)
         before[1:] = held[:-1]
         before[head] = -1
@@ -252,8 +298,9 @@ def _tree(ways: int) -> tuple[list[list[int] | _Computed], list[int] | _Computed
     return [[step(bits) for bits in range(1 << ways)] for step in steps], [tree_victim(bits, ways) for bits in range(1 << ways)]
 
 
-def _random_loop(lines: np.ndarray, order: np.ndarray, allocates: np.ndarray, geometry: Geometry,
-                 seed: int) -> tuple[np.ndarray, np.ndarray]:
+def _random_loop(
+    lines: np.ndarray, order: np.ndarray, allocates: np.ndarray, geometry: Geometry, seed: int
+) -> tuple[np.ndarray, np.ndarray]:
     """Random replacement in order of time; `allocates` is in order of sets, and so are the misses returned."""
     mask, ways, chosen = geometry.sets - 1, geometry.ways, draws(geometry.ways, seed)
     by_time = np.empty_like(allocates)

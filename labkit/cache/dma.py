@@ -34,8 +34,9 @@ class Dma:
 
     def _check(self, address: int, size: int, write: bool = False) -> None:
         if address % self.width or size % self.width:
-            raise ValueError(f"DMA of {size} bytes at {address:#x}; "
-                             f"address and size must be multiples of its width, {self.width} bytes")
+            raise ValueError(
+                f"DMA of {size} bytes at {address:#x}; address and size must be multiples of its width, {self.width} bytes"
+            )
         self.memory.check(address, size, write=write, dma=True)
 
     def _record(self, record: Transfer) -> Transfer:

@@ -21,8 +21,16 @@ def transmit(cache: Cache, dma: Dma, address: int, data: bytes, *, clean: bool =
     return dma.read(address, len(data)).data
 
 
-def receive(cache: Cache, dma: Dma, address: int, data: bytes, *, before: str = "invalidate", after: str = "invalidate",
-            during: Callable[[], object] | None = None) -> bytes:
+def receive(
+    cache: Cache,
+    dma: Dma,
+    address: int,
+    data: bytes,
+    *,
+    before: str = "invalidate",
+    after: str = "invalidate",
+    during: Callable[[], object] | None = None,
+) -> bytes:
     """The DMA receives `data` into a buffer and the CPU reads it. Returns what the CPU got.
 
     Args:

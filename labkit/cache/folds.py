@@ -13,8 +13,21 @@ from labkit.cache.geometry import Geometry
 from labkit.cache.records import Access, Record
 from labkit.cache.references import LOAD, STORE, References
 
-TIMELINE = ("number", "op", "address", "size", "line", "set", "way", "bypass", "hit", "filled", "victim", "written_back",
-            "to_memory")
+TIMELINE = (
+    "number",
+    "op",
+    "address",
+    "size",
+    "line",
+    "set",
+    "way",
+    "bypass",
+    "hit",
+    "filled",
+    "victim",
+    "written_back",
+    "to_memory",
+)
 
 
 def replay(references: References, cache: Cache) -> list[Access]:

@@ -64,8 +64,10 @@ class Region:
 
     def __post_init__(self) -> None:
         if self.start < 0 or self.size <= 0 or self.start % _GRAIN or self.size % _GRAIN:
-            raise ValueError(f"region {self.name} at {self.start:#x} with {self.size} bytes; "
-                             f"start and size must be multiples of {_GRAIN}, the size above 0")
+            raise ValueError(
+                f"region {self.name} at {self.start:#x} with {self.size} bytes; "
+                f"start and size must be multiples of {_GRAIN}, the size above 0"
+            )
 
     @property
     def end(self) -> int:
@@ -98,11 +100,14 @@ class MpuRegion:
         if not is_power_of_two(self.size) or self.size < 32:
             raise ValueError(f"MPU region {self.number} has {self.size} bytes; the size must be a power of two, 32 or more")
         if self.base % self.size:
-            raise ValueError(f"MPU region {self.number} starts at {self.base:#x}; "
-                             f"it must be aligned to its size of {self.size} bytes")
+            raise ValueError(
+                f"MPU region {self.number} starts at {self.base:#x}; it must be aligned to its size of {self.size} bytes"
+            )
         if (self.tex, self.c, self.b) not in _ENCODING:
-            raise ValueError(f"MPU region {self.number} has TEX {self.tex}, C {self.c}, B {self.b}; "
-                             f"allowed are {', '.join(map(str, _ENCODING))}")
+            raise ValueError(
+                f"MPU region {self.number} has TEX {self.tex}, C {self.c}, B {self.b}; "
+                f"allowed are {', '.join(map(str, _ENCODING))}"
+            )
 
     @property
     def attribute(self) -> Attribute:
@@ -181,7 +186,7 @@ class Memory:
         self.check(address, size)
         region, store = self._store(address)
         offset = address - region.start
-        data = bytes(store[offset:offset + size])
+        data = bytes(store[offset : offset + size])
         return data if len(data) == size else data + self.read(region.end, size - len(data))
 
     def write(self, address: int, data: bytes) -> None:
@@ -190,7 +195,7 @@ class Memory:
         region, store = self._store(address)
         fits = min(len(data), region.end - address)
         offset = address - region.start
-        store[offset:offset + fits] = data[:fits]
+        store[offset : offset + fits] = data[:fits]
         if fits < len(data):
             self.write(region.end, data[fits:])
 

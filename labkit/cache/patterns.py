@@ -13,8 +13,11 @@ ORDERS = ("ijk", "ikj", "jik", "jki", "kij", "kji")
 
 def _references(op: int | np.ndarray, address: np.ndarray, size: int | np.ndarray) -> References:
     n = len(address)
-    return References(np.broadcast_to(np.asarray(op, np.uint8), n).copy(), address.astype(np.int64),
-                      np.broadcast_to(np.asarray(size, np.int64), n).copy())
+    return References(
+        np.broadcast_to(np.asarray(op, np.uint8), n).copy(),
+        address.astype(np.int64),
+        np.broadcast_to(np.asarray(size, np.int64), n).copy(),
+    )
 
 
 def _positive(**values: int) -> None:
@@ -44,8 +47,9 @@ def random(count: int, span: int, *, start: int = BASE, size: int = 4, op: str =
     return _references(_op(op), start + np.random.default_rng(seed).integers(span // size, size=count) * size, size)
 
 
-def matrix_product(n: int, *, order: str = "ijk", element: int = 4, start: int = BASE, tile: int | None = None,
-                   accumulate: bool = False) -> References:
+def matrix_product(
+    n: int, *, order: str = "ijk", element: int = 4, start: int = BASE, tile: int | None = None, accumulate: bool = False
+) -> References:
     """C = A B with n x n matrices, row by row in memory, A, B and C one behind the other.
 
     Args:
@@ -144,8 +148,10 @@ def _statement(line: int, command: str, words: list[str]) -> list[tuple[int, int
     _limit(times, f"line {line}: ")
     last = address + (times - 1) * step
     if not 0 <= last < 2**32 or size > 2**16:
-        raise ValueError(f"line {line}: {times} times step {step} from {address:#x} with size {size}; "
-                         "addresses must stay within 32 bits and a size within 65536 bytes")
+        raise ValueError(
+            f"line {line}: {times} times step {step} from {address:#x} with size {size}; "
+            "addresses must stay within 32 bits and a size within 65536 bytes"
+        )
     return [(OPS[command], address + n * step, size) for n in range(times)]
 
 
@@ -154,7 +160,7 @@ def _number(line: int, name: str, word: str, lowest: int | None) -> int:
         value = int(word, 0)
     except ValueError:
         raise ValueError(f"line {line}: {name} is {word!r}; it must be a whole number such as 64 or 0x40") from None
-    if lowest is not None and value < lowest or abs(value) >= 2**32:
+    if (lowest is not None and value < lowest) or abs(value) >= 2**32:
         floor = "" if lowest is None else f"at least {lowest} and "
         raise ValueError(f"line {line}: {name} is {word}; it must be {floor}below 2**32")
     return value

@@ -63,8 +63,9 @@ def read_trace(path: str | PathLike[str]) -> References:
     for name, dtype in _COLUMNS.items():
         column = columns[name]
         if column.dtype != dtype or column.ndim != 1:
-            raise TraceFileError(f"{path}: array {name} is {column.ndim}-dimensional {column.dtype}; "
-                                 f"it must be 1-dimensional {dtype.__name__}")
+            raise TraceFileError(
+                f"{path}: array {name} is {column.ndim}-dimensional {column.dtype}; it must be 1-dimensional {dtype.__name__}"
+            )
         if len(column) != len(columns["op"]):
             raise TraceFileError(f"{path}: array {name} has {len(column)} entries and op {len(columns['op'])}; they must agree")
     _check(path, "op", columns["op"], (columns["op"] < STORE) | (columns["op"] > MODIFY), "1 store, 2 load or 3 modify")

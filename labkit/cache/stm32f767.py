@@ -24,10 +24,7 @@ REGIONS = (
 
 #: Source 1, figure 6, as configured there with TEX level 0. C = B = 0 makes region 1 strongly ordered, B = 1 region 2 device
 #: memory. Region 1 (heap of lwIP) lies at an address at which the STM32F767 has no memory: it protects nothing.
-SOURCE1_MPU = (
-    MpuRegion(1, 0x3000_4000, 16 * KIB, tex=0, c=0, b=0, s=0),
-    MpuRegion(2, 0x2007_C000, 512, tex=0, c=0, b=1, s=1),
-)
+SOURCE1_MPU = (MpuRegion(1, 0x3000_4000, 16 * KIB, tex=0, c=0, b=0, s=0), MpuRegion(2, 0x2007_C000, 512, tex=0, c=0, b=1, s=1))
 
 
 def stm32f767(mpu: Sequence[MpuRegion] = ()) -> Memory:

@@ -101,11 +101,28 @@ class Work:
                 raise ValueError(f"{name} is {getattr(self, name)}; it cannot be below 0")
 
     @classmethod
-    def of_counts(cls, data: Mapping[str, int], *, instructions: int, fetches: int, code_fills: int = 0, uncached: int = 0,
-                  insensitive: int = 0) -> Work:
+    def of_counts(
+        cls,
+        data: Mapping[str, int],
+        *,
+        instructions: int,
+        fetches: int,
+        code_fills: int = 0,
+        uncached: int = 0,
+        insensitive: int = 0,
+    ) -> Work:
         """Work whose data side is the counts of `count_trace` or of the fold `counts`."""
-        return cls(instructions, fetches, data["lines_touched"], code_fills, data["fills"], data["write_backs"],
-                   data["stores_to_memory"], uncached, insensitive)
+        return cls(
+            instructions,
+            fetches,
+            data["lines_touched"],
+            code_fills,
+            data["fills"],
+            data["write_backs"],
+            data["stores_to_memory"],
+            uncached,
+            insensitive,
+        )
 
 
 @dataclass(frozen=True)
@@ -147,8 +164,12 @@ def run_cost(work: Work, timing: Timing = Timing(), *, icache: bool = True, dcac
         code = work.fetches * timing.flash_read
     data = (work.data + work.uncached) * timing.uncached_data
     if dcache:
-        data = (work.data_fills * timing.data_fill + work.write_backs * timing.write_back + work.stores_to_memory * timing.store
-                + work.uncached * timing.uncached_data)
+        data = (
+            work.data_fills * timing.data_fill
+            + work.write_backs * timing.write_back
+            + work.stores_to_memory * timing.store
+            + work.uncached * timing.uncached_data
+        )
     return Cost(round(work.instructions * timing.per_instruction), code, data, work.insensitive, timing.hz)
 
 

@@ -66,7 +66,7 @@ class Story:
         found = violations(self.cache.log)
         told = []
         for label, text, lanes, moves, span in self._stages:
-            lost = sum(len(r.lost) for r in self.cache.log[span.start:span.stop] if isinstance(r, Operation))
+            lost = sum(len(r.lost) for r in self.cache.log[span.start : span.stop] if isinstance(r, Operation))
             told.append(Stage(label, text, lanes, moves, tuple(v for v in found if v.index in span), lost))
         return told
 
@@ -80,8 +80,11 @@ class Story:
             return self._access(index, record)
         if isinstance(record, Operation):
             moves = [move for line in record.written_back for move in self._write_back(line)]
-            return moves + [Move(c, CACHE, "lost" if line in record.lost else "dropped")
-                            for line in record.dropped for c in self._columns(line)]
+            return moves + [
+                Move(c, CACHE, "lost" if line in record.lost else "dropped")
+                for line in record.dropped
+                for c in self._columns(line)
+            ]
         columns = self._columns(record.address, len(record.data))
         writes = record.op == "dma write"
         for c in columns:
@@ -135,8 +138,12 @@ class Story:
         memory = [(self._text(v), "newest" if self._stored[c] == self._latest[c] else "stale") for c, v in enumerate(stored)]
         attribute = self.cache.memory.attribute(self.first)
         note = "" if attribute.cacheable else f"not asked: this memory is {attribute.name}"
-        return (Lane("CPU", *zip(*self._seen[CPU])), Lane("cache", *zip(*cells), dirty=tuple(dirty), note=note),
-                Lane("memory", *zip(*memory)), Lane("DMA", *zip(*self._seen[DMA])))
+        return (
+            Lane("CPU", *zip(*self._seen[CPU])),
+            Lane("cache", *zip(*cells), dirty=tuple(dirty), note=note),
+            Lane("memory", *zip(*memory)),
+            Lane("DMA", *zip(*self._seen[DMA])),
+        )
 
     def _text(self, value: int) -> str:
         if self._hexadecimal:

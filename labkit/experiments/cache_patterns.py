@@ -10,7 +10,20 @@ import numpy as np
 from annotated_types import Interval, MaxLen, MultipleOf, Unit
 from typing_extensions import Doc
 
-from labkit.cache import DCACHE, Cache, Geometry, MissClasses, References, count, miss_classes, patterns, references_of, replay, stm32f767, timeline
+from labkit.cache import (
+    DCACHE,
+    Cache,
+    Geometry,
+    MissClasses,
+    References,
+    count,
+    miss_classes,
+    patterns,
+    references_of,
+    replay,
+    stm32f767,
+    timeline,
+)
 from labkit.cache.records import Access
 from labkit.experiment import Experiment, Labels, Metric, Verdict, progress
 from labkit.figures.cache_map import cache_map
@@ -18,21 +31,33 @@ from labkit.figures.curves import Curve, curves
 from labkit.figures.style import BLUE, INK, ORANGE, SKY, VERMILION, axis, layout
 
 LINE = 32  # bytes, of the Cortex-M7
-POLICIES = {"lru": "LRU: longest not used", "plru": "tree-PLRU: a tree of bits", "fifo": "FIFO: longest in the cache", "random": "random, seed 0"}
+POLICIES = {
+    "lru": "LRU: longest not used",
+    "plru": "tree-PLRU: a tree of bits",
+    "fifo": "FIFO: longest in the cache",
+    "random": "random, seed 0",
+}
 Policy = Annotated[Literal["lru", "plru", "fifo", "random"], Labels(POLICIES), Doc("who has to go when a set is full")]
 MOST_STEPS = 1000
 
 
 @lru_cache(maxsize=16)
-def _play(pattern: str, text: str, elements: int, stride: int, rounds: int, edge: int, stores: bool, geometry: Geometry, policy: str) -> tuple[Access, ...]:
+def _play(
+    pattern: str, text: str, elements: int, stride: int, rounds: int, edge: int, stores: bool, geometry: Geometry, policy: str
+) -> tuple[Access, ...]:
     """The records of a pattern in a data cache over the memory of the STM32F767; kept, so that a step costs only its picture."""
     op = "modify" if stores else "read"
     match pattern:
-        case "sequential": made = patterns.sequential(elements, op=op, rounds=rounds)
-        case "strided": made = patterns.strided(elements, stride, op=op, rounds=rounds)
-        case "matrix": made = patterns.matrix_product(edge, element=8)
-        case "random": made = patterns.random(elements * rounds, elements * stride, op=op)
-        case _: made = patterns.parse(text)
+        case "sequential":
+            made = patterns.sequential(elements, op=op, rounds=rounds)
+        case "strided":
+            made = patterns.strided(elements, stride, op=op, rounds=rounds)
+        case "matrix":
+            made = patterns.matrix_product(edge, element=8)
+        case "random":
+            made = patterns.random(elements * rounds, elements * stride, op=op)
+        case _:
+            made = patterns.parse(text)
     if len(made) > MOST_STEPS:
         raise ValueError(f"the pattern has {len(made)} accesses; the map steps through {MOST_STEPS} at most")
     return tuple(replay(made, Cache(stm32f767(), geometry, policy)))
@@ -53,39 +78,70 @@ class CacheMap(Experiment):
     sets and ways; the outlined cell is where the latest access went. Below all addresses in order of time.
     """
 
-    step: Annotated[int, Interval(ge=0, le=MOST_STEPS), Unit("accesses"), Doc("how far the pattern has run; arrow keys step one by one")] = 20
-    pattern: Annotated[Literal["sequential", "strided", "matrix", "random", "own"], Labels({
-        "sequential": "sequential, 4 bytes apart", "strided": "strided, by the slider", "matrix": "matrix product of doubles, i j k",
-        "random": "random, in elements x stride bytes", "own": "my own, as text below"}), Doc("which addresses the CPU asks for")] = "strided"
+    step: Annotated[
+        int, Interval(ge=0, le=MOST_STEPS), Unit("accesses"), Doc("how far the pattern has run; arrow keys step one by one")
+    ] = 20
+    pattern: Annotated[
+        Literal["sequential", "strided", "matrix", "random", "own"],
+        Labels(
+            {
+                "sequential": "sequential, 4 bytes apart",
+                "strided": "strided, by the slider",
+                "matrix": "matrix product of doubles, i j k",
+                "random": "random, in elements x stride bytes",
+                "own": "my own, as text below",
+            }
+        ),
+        Doc("which addresses the CPU asks for"),
+    ] = "strided"
     elements: Annotated[int, Interval(ge=1, le=100), Doc("elements of 4 bytes in a round")] = 12
     stride: Annotated[int, Interval(ge=4, le=1024), MultipleOf(4), Unit("bytes"), Doc("distance of neighbouring elements")] = 32
     rounds: Annotated[int, Interval(ge=1, le=10), Doc("how often all elements are visited")] = 3
     edge: Annotated[int, Interval(ge=2, le=6), Doc("rows and columns of the matrices")] = 4
-    size: Annotated[Literal[128, 256, 512, 1024, 2048, 4096, 16384], Labels({k: f"{k} bytes" for k in (128, 256, 512, 1024, 2048, 4096)} | {16384: "16 KiB, the Cortex-M7's"}),
-                    Doc("capacity of the cache")] = 256
+    size: Annotated[
+        Literal[128, 256, 512, 1024, 2048, 4096, 16384],
+        Labels({k: f"{k} bytes" for k in (128, 256, 512, 1024, 2048, 4096)} | {16384: "16 KiB, the Cortex-M7's"}),
+        Doc("capacity of the cache"),
+    ] = 256
     ways: Annotated[Literal[1, 2, 4], Labels({1: "1, direct-mapped", 2: "2", 4: "4, the Cortex-M7's"}), Doc("lines per set")] = 2
     policy: Policy = "lru"
     stores: Annotated[bool, Doc("each access also changes its element, so that lines become dirty")] = False
-    own: Annotated[str, MaxLen(400), Doc("statements between semicolons: read|write|modify ADDRESS [size N] [times N] [step N], repeat N ... end")] = (
-        "repeat 4; read 0x20020000 times 3 step 128; write 0x20020040; end")
+    own: Annotated[
+        str,
+        MaxLen(400),
+        Doc("statements between semicolons: read|write|modify ADDRESS [size N] [times N] [step N], repeat N ... end"),
+    ] = "repeat 4; read 0x20020000 times 3 step 128; write 0x20020040; end"
 
     def run(self) -> Walk:
-        records = _play(self.pattern, self.own if self.pattern == "own" else "", self.elements, self.stride, self.rounds, self.edge,
-                        self.stores, Geometry(self.size, self.ways, LINE), self.policy)
+        records = _play(
+            self.pattern,
+            self.own if self.pattern == "own" else "",
+            self.elements,
+            self.stride,
+            self.rounds,
+            self.edge,
+            self.stores,
+            Geometry(self.size, self.ways, LINE),
+            self.policy,
+        )
         return Walk(records, min(self.step, len(records)))
 
     def figure(self, result: Walk) -> dict[str, Any]:
         return cache_map(timeline(result.records), result.step, Geometry(self.size, self.ways, LINE))
 
     def metrics(self, result: Walk) -> list[Metric]:
-        done = result.records[:result.step]
+        done = result.records[: result.step]
         cached = [r for r in done if not r.bypass]
         misses = sum(not r.hit for r in cached)
         why = miss_classes(sum(r.filled for r in cached), references_of(done), Geometry(self.size, self.ways, LINE))
-        rest = [Metric(name, value, "misses", note=note) for name, value, note in (
-            ("compulsory", why.compulsory, "the first touch of a line"),
-            ("capacity", why.capacity, "what a cache of this size with a single set (LRU) misses as well"),
-            ("conflict", why.conflict, "the rest; below 0 where the single set does worse"))]
+        rest = [
+            Metric(name, value, "misses", note=note)
+            for name, value, note in (
+                ("compulsory", why.compulsory, "the first touch of a line"),
+                ("capacity", why.capacity, "what a cache of this size with a single set (LRU) misses as well"),
+                ("conflict", why.conflict, "the rest; below 0 where the single set does worse"),
+            )
+        ]
         return [
             Metric("step", result.step, f"of {len(result.records)}"),
             Metric("misses so far", misses, f"of {len(cached)}"),
@@ -110,7 +166,9 @@ class MissRates(Experiment):
 
     elements: Annotated[int, Interval(ge=8, le=512), MultipleOf(8), Doc("elements of 4 bytes visited in each round")] = 256
     stride: Annotated[Literal[STRIDES], Labels({s: f"{s} bytes" for s in STRIDES}), Doc("distance of neighbouring elements")] = 32
-    size: Annotated[Literal[SIZES], Labels({s: f"{s} bytes" if s < 1024 else f"{s // 1024} KiB" for s in SIZES}), Doc("capacity of the cache")] = 16384
+    size: Annotated[
+        Literal[SIZES], Labels({s: f"{s} bytes" if s < 1024 else f"{s // 1024} KiB" for s in SIZES}), Doc("capacity of the cache")
+    ] = 16384
     ways: Annotated[Literal[WAYS], Doc("lines per set")] = 4
     order: Annotated[Literal["circle", "back and forth", "shuffled"], Doc("how a round visits the elements")] = "circle"
     policy: Policy = "lru"
@@ -139,15 +197,27 @@ class MissRates(Experiment):
         }
 
     def figure(self, result: dict[str, list[float | None]]) -> dict[str, Any]:
-        panels = (("size", SIZES, [str(s) if s < 1024 else f"{s // 1024}K" for s in SIZES], "size of the cache [bytes]", BLUE),
-                  ("ways", WAYS, list(map(str, WAYS)), "lines per set (ways)", VERMILION),
-                  ("stride", STRIDES, [str(s) if s < 1024 else f"{s // 1024}K" for s in STRIDES], "stride [bytes]", ORANGE))
+        panels = (
+            ("size", SIZES, [str(s) if s < 1024 else f"{s // 1024}K" for s in SIZES], "size of the cache [bytes]", BLUE),
+            ("ways", WAYS, list(map(str, WAYS)), "lines per set (ways)", VERMILION),
+            ("stride", STRIDES, [str(s) if s < 1024 else f"{s // 1024}K" for s in STRIDES], "stride [bytes]", ORANGE),
+        )
         data, axes = [], {}
         for i, (key, values, ticks, title, colour) in enumerate(panels):
             line = Curve(f"over {key}", list(range(len(values))), result[key], colour, mark=values.index(getattr(self, key)))
             start = (0, 0.38, 0.67)[i]
-            more, made = curves([line], title, "misses [%]" if i == 0 else "", (start, (0.33, 0.62, 1)[i]), str(i + 1) if i else "", y_range=(-4, 106), legend=False,
-                                tickvals=list(range(len(values))), ticktext=ticks, range=[-0.4, len(values) - 0.6])
+            more, made = curves(
+                [line],
+                title,
+                "misses [%]" if i == 0 else "",
+                (start, (0.33, 0.62, 1)[i]),
+                str(i + 1) if i else "",
+                y_range=(-4, 106),
+                legend=False,
+                tickvals=list(range(len(values))),
+                ticktext=ticks,
+                range=[-0.4, len(values) - 0.6],
+            )
             data += more
             axes |= made
         return {"data": data, "layout": layout(400, **axes, margin={"l": 70, "r": 20, "t": 20, "b": 50})}
@@ -177,8 +247,16 @@ class MatrixOrders(Experiment):
     slow: ClassVar[bool] = True
 
     n: Annotated[int, Interval(ge=8, le=24), MultipleOf(8), Doc("rows and columns")] = 24
-    tile: Annotated[Literal[0, 2, 4, 8], Labels({0: "no tiles", 2: "2 x 2", 4: "4 x 4", 8: "8 x 8"}), Doc("edge of the squares into which all loops are cut")] = 0
-    size: Annotated[Literal[512, 1024, 2048, 4096, 8192], Labels({s: f"{s} bytes" for s in (512, 1024, 2048, 4096, 8192)}), Doc("capacity of the cache")] = 1024
+    tile: Annotated[
+        Literal[0, 2, 4, 8],
+        Labels({0: "no tiles", 2: "2 x 2", 4: "4 x 4", 8: "8 x 8"}),
+        Doc("edge of the squares into which all loops are cut"),
+    ] = 0
+    size: Annotated[
+        Literal[512, 1024, 2048, 4096, 8192],
+        Labels({s: f"{s} bytes" for s in (512, 1024, 2048, 4096, 8192)}),
+        Doc("capacity of the cache"),
+    ] = 1024
     ways: Annotated[Literal[1, 2, 4], Doc("lines per set")] = 4
     order: Annotated[Literal[ORDERS], Doc("the one whose numbers are shown, loops from outside to inside")] = "ijk"
 
@@ -190,30 +268,80 @@ class MatrixOrders(Experiment):
         return result
 
     def figure(self, result: dict[str, MissClasses]) -> dict[str, Any]:
-        data = [{"type": "bar", "x": list(range(6)), "y": [getattr(result[o], cause) for o in ORDERS], "name": cause, "width": 0.62,
-                 "marker": {"color": colour}, "hovertemplate": f"{cause}: %{{y}}<extra></extra>"} for cause, colour in CAUSES.items()]
+        data = [
+            {
+                "type": "bar",
+                "x": list(range(6)),
+                "y": [getattr(result[o], cause) for o in ORDERS],
+                "name": cause,
+                "width": 0.62,
+                "marker": {"color": colour},
+                "hovertemplate": f"{cause}: %{{y}}<extra></extra>",
+            }
+            for cause, colour in CAUSES.items()
+        ]
         totals = [result[o].total for o in ORDERS]
-        data.append({"type": "scatter", "mode": "markers", "x": list(range(6)), "y": totals, "name": "all misses", "hovertemplate": "%{y} misses<extra></extra>",
-                     "marker": {"symbol": "line-ew", "size": 56, "line": {"width": 4, "color": INK}}})
-        data.append({"type": "scatter", "mode": "text", "x": list(range(6)), "y": [max(t, result[o].compulsory + result[o].capacity) for t, o in zip(totals, ORDERS, strict=True)],
-                     "text": [f"<b>{t:,}</b>".replace(",", "\u202f") for t in totals], "textposition": "top center", "showlegend": False, "hoverinfo": "skip"})
-        lowest, highest = min(0, *(result[o].conflict for o in ORDERS)), max(max(r.total, r.compulsory + r.capacity) for r in result.values())
-        return {"data": data, "layout": layout(
-            430, barmode="relative", margin={"l": 84, "r": 20, "t": 40, "b": 50},
-            xaxis=axis("order of the loops, from outside to inside", tickvals=list(range(6)), ticktext=[f"<b>{' '.join(o)}</b>" for o in ORDERS], showgrid=False),
-            yaxis=axis("lines missed", range=[1.1 * lowest, 1.18 * highest], zeroline=True, zerolinecolor=INK))}
+        data.append(
+            {
+                "type": "scatter",
+                "mode": "markers",
+                "x": list(range(6)),
+                "y": totals,
+                "name": "all misses",
+                "hovertemplate": "%{y} misses<extra></extra>",
+                "marker": {"symbol": "line-ew", "size": 56, "line": {"width": 4, "color": INK}},
+            }
+        )
+        data.append(
+            {
+                "type": "scatter",
+                "mode": "text",
+                "x": list(range(6)),
+                "y": [max(t, result[o].compulsory + result[o].capacity) for t, o in zip(totals, ORDERS, strict=True)],
+                "text": [f"<b>{t:,}</b>".replace(",", "\u202f") for t in totals],
+                "textposition": "top center",
+                "showlegend": False,
+                "hoverinfo": "skip",
+            }
+        )
+        lowest, highest = (
+            min(0, *(result[o].conflict for o in ORDERS)),
+            max(max(r.total, r.compulsory + r.capacity) for r in result.values()),
+        )
+        return {
+            "data": data,
+            "layout": layout(
+                430,
+                barmode="relative",
+                margin={"l": 84, "r": 20, "t": 40, "b": 50},
+                xaxis=axis(
+                    "order of the loops, from outside to inside",
+                    tickvals=list(range(6)),
+                    ticktext=[f"<b>{' '.join(o)}</b>" for o in ORDERS],
+                    showgrid=False,
+                ),
+                yaxis=axis("lines missed", range=[1.1 * lowest, 1.18 * highest], zeroline=True, zerolinecolor=INK),
+            ),
+        }
 
     def metrics(self, result: dict[str, MissClasses]) -> list[Metric]:
         mine, steps = result[self.order], self.n**3
         return [
             Metric(f"misses of {self.order}", mine.total, f"in {4 * steps} accesses"),
-            Metric("compulsory", mine.compulsory, "lines"), Metric("capacity", mine.capacity, "lines"), Metric("conflict", mine.conflict, "lines"),
+            Metric("compulsory", mine.compulsory, "lines"),
+            Metric("capacity", mine.capacity, "lines"),
+            Metric("conflict", mine.conflict, "lines"),
             Metric("best order", min(result, key=lambda o: result[o].total)),
-            Metric("worst against best", max(r.total for r in result.values()) / min(r.total for r in result.values()), "times the misses"),
+            Metric(
+                "worst against best",
+                max(r.total for r in result.values()) / min(r.total for r in result.values()),
+                "times the misses",
+            ),
         ]
 
 
 # Exercises: each asks the model
+
 
 def check_full_of_holes(answer: MissRates) -> Verdict:
     """Exercise 1: every access misses in the Cortex-M7's data cache, although the lines would fit into it ten times."""
@@ -222,9 +350,13 @@ def check_full_of_holes(answer: MissRates) -> Verdict:
     references = answer.references(answer.stride)
     lines = len(np.unique(references.address // LINE))
     if lines * 10 > DCACHE.size // LINE:
-        return Verdict(False, f"{lines} lines are too many: ten times as many must fit into the {DCACHE.size // LINE} of the cache.")
+        return Verdict(
+            False, f"{lines} lines are too many: ten times as many must fit into the {DCACHE.size // LINE} of the cache."
+        )
     rate = answer.rate(references, answer.size, answer.ways)
-    return Verdict(rate == 100, f"{lines} lines in a cache with room for {DCACHE.size // LINE}, and {rate:g} % of the accesses miss.")
+    return Verdict(
+        rate == 100, f"{lines} lines in a cache with room for {DCACHE.size // LINE}, and {rate:g} % of the accesses miss."
+    )
 
 
 def check_fifo_beats_lru(text: str) -> Verdict:
@@ -236,7 +368,9 @@ def check_fifo_beats_lru(text: str) -> Verdict:
     if len(made) > 12:
         return Verdict(False, f"{len(made)} accesses; 12 are enough.")
     misses = {policy: count(made, Geometry(128, 4, LINE), policy)["fills"] for policy in ("lru", "fifo")}
-    return Verdict(misses["fifo"] < misses["lru"], f"in one set of 4 ways LRU misses {misses['lru']} times, FIFO {misses['fifo']} times.")
+    return Verdict(
+        misses["fifo"] < misses["lru"], f"in one set of 4 ways LRU misses {misses['lru']} times, FIFO {misses['fifo']} times."
+    )
 
 
 def check_good_order(answer: MatrixOrders) -> Verdict:

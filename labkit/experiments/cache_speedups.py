@@ -52,8 +52,14 @@ def measured_factor(platform: str, name: str, rates: str) -> float:
 
 #: What the text of source 1 (5.2.2 and 5.3.2) says of the sums at 100|50 Hz, caches on against off, in %.
 CLAIMS = {
-    ("micro-ROS", "odom"): -62.64, ("micro-ROS", "p_ctrl"): -76.51, ("micro-ROS", "w_ctrl"): -66.06, ("micro-ROS", "IDLE"): 98.35,
-    ("FreeRTOS", "odometry"): -72.04, ("FreeRTOS", "pose_control"): -70.43, ("FreeRTOS", "wheel_ctrl"): -72.17, ("FreeRTOS", "IDLE"): 14.88,
+    ("micro-ROS", "odom"): -62.64,
+    ("micro-ROS", "p_ctrl"): -76.51,
+    ("micro-ROS", "w_ctrl"): -66.06,
+    ("micro-ROS", "IDLE"): 98.35,
+    ("FreeRTOS", "odometry"): -72.04,
+    ("FreeRTOS", "pose_control"): -70.43,
+    ("FreeRTOS", "wheel_ctrl"): -72.17,
+    ("FreeRTOS", "IDLE"): 14.88,
 }
 
 
@@ -63,8 +69,13 @@ def change(platform: str, name: str, rates: str = "100|50") -> float:
     return 100 * (on / off - 1)
 
 
-GUESSED = {"wheel_ctrl": ("FreeRTOS", "wheel_ctrl"), "odometry": ("FreeRTOS", "odometry"), "pose_ctrl": ("FreeRTOS", "pose_control"),
-           "pose_micro_ROS": ("micro-ROS", "p_ctrl"), "link_check": ("micro-ROS", "EthLink")}
+GUESSED = {
+    "wheel_ctrl": ("FreeRTOS", "wheel_ctrl"),
+    "odometry": ("FreeRTOS", "odometry"),
+    "pose_ctrl": ("FreeRTOS", "pose_control"),
+    "pose_micro_ROS": ("micro-ROS", "p_ctrl"),
+    "link_check": ("micro-ROS", "EthLink"),
+}
 Guess = Annotated[float, Interval(ge=0.5, le=10), MultipleOf(0.5), Unit("×")]
 
 
@@ -88,8 +99,15 @@ class SpeedupGuess(Experiment):
 
     def figure(self, result: dict[str, tuple[float, ...]]) -> dict[str, Any]:
         colour = colours(name for _, name in GUESSED.values())
-        rows = [Factor(key.replace("pose_micro_ROS", "pose_ctrl, micro-ROS"), result[key] if self.reveal else (), colour[name], getattr(self, key))
-                for key, (_, name) in GUESSED.items()]
+        rows = [
+            Factor(
+                key.replace("pose_micro_ROS", "pose_ctrl, micro-ROS"),
+                result[key] if self.reveal else (),
+                colour[name],
+                getattr(self, key),
+            )
+            for key, (_, name) in GUESSED.items()
+        ]
         data, axes, shapes = factors(rows, "time without caches / time with caches", 0, 10.2, guess="your guess")
         return {"data": data, "layout": layout(390, **axes, shapes=shapes, barmode="overlay")}
 
@@ -97,9 +115,16 @@ class SpeedupGuess(Experiment):
         found = []
         for key, values in result.items():
             guess, value = getattr(self, key), sum(values) / len(values)
-            found.append(Metric(key.replace("_", " "), guess, "×", published=round(value, 2) if self.reveal else None,
-                                good=max(guess / value, value / guess) <= 1.25 if self.reveal else None,
-                                note="your guess; good within a quarter of the mean of the two recordings"))
+            found.append(
+                Metric(
+                    key.replace("_", " "),
+                    guess,
+                    "×",
+                    published=round(value, 2) if self.reveal else None,
+                    good=max(guess / value, value / guess) <= 1.25 if self.reveal else None,
+                    note="your guess; good within a quarter of the mean of the two recordings",
+                )
+            )
         return found
 
 
@@ -109,30 +134,51 @@ class PublishedSpeedups(Experiment):
     Each row is a task, each line one pair of recordings: open without caches, filled with both caches on.
     """
 
-    quantity: Annotated[Literal["mean", "share"], Labels({"mean": "mean duration of one activation", "share": "share of all time"}),
-                        Doc("what the rows show")] = "mean"
-    tasks: Annotated[Literal["control", "all"], Labels({"control": "control software only", "all": "every task, idle too"}), Doc("which rows")] = "all"
+    quantity: Annotated[
+        Literal["mean", "share"],
+        Labels({"mean": "mean duration of one activation", "share": "share of all time"}),
+        Doc("what the rows show"),
+    ] = "mean"
+    tasks: Annotated[
+        Literal["control", "all"], Labels({"control": "control software only", "all": "every task, idle too"}), Doc("which rows")
+    ] = "all"
 
     def run(self) -> dict[str, list[Pair]]:
         result: dict[str, list[Pair]] = {}
         for platform in PLATFORMS:
             names = list(recordings()[platform, RATES[0], "off"])
             if self.tasks == "control":
-                names = [n for n in names if n in ("odom", "p_ctrl", "w_ctrl", "odometry", "pose_control", "wheel_ctrl", "hal_fetch")]
+                names = [
+                    n for n in names if n in ("odom", "p_ctrl", "w_ctrl", "odometry", "pose_control", "wheel_ctrl", "hal_fetch")
+                ]
             result[platform] = [
-                Pair(name, *(getattr(recordings()[platform, rates, caches][name], self.quantity) for caches in ("off", "on")), upper)
-                for name in names for rates, upper in zip(RATES, (True, False), strict=True)]
+                Pair(
+                    name,
+                    *(getattr(recordings()[platform, rates, caches][name], self.quantity) for caches in ("off", "on")),
+                    upper,
+                )
+                for name in names
+                for rates, upper in zip(RATES, (True, False), strict=True)
+            ]
         return result
 
     def figure(self, result: dict[str, list[Pair]]) -> dict[str, Any]:
-        title, low, high = (("mean duration [us]", 2, 5000) if self.quantity == "mean" else ("share of all time [%]", 0.01, 400))
+        title, low, high = ("mean duration [us]", 2, 5000) if self.quantity == "mean" else ("share of all time [%]", 0.01, 400)
         series = (f"{RATES[0]} Hz", f"{RATES[1]} Hz")
         return dumbbells(result, series, title, low, high, height=660)
 
     def metrics(self, result: dict[str, list[Pair]]) -> list[Metric]:
-        return [Metric(f"{name}, {platform}", round(change(platform, name), 2), "%", published=printed,
-                       good=abs(change(platform, name) - printed) <= 0.005 + 1e-9, note="change of the sum at 100|50 Hz, caches on against off: recomputed from the table, and as the text prints it")
-                for (platform, name), printed in CLAIMS.items()]
+        return [
+            Metric(
+                f"{name}, {platform}",
+                round(change(platform, name), 2),
+                "%",
+                published=printed,
+                good=abs(change(platform, name) - printed) <= 0.005 + 1e-9,
+                note="change of the sum at 100|50 Hz, caches on against off: recomputed from the table, and as the text prints it",
+            )
+            for (platform, name), printed in CLAIMS.items()
+        ]
 
 
 # Timing: one program, priced
@@ -141,19 +187,34 @@ INSTRUCTIONS = 100_000  # of the program that TimingModel prices
 DATA_PER_INSTRUCTION = 0.3  # loads and stores, an assumption
 WORDS_PER_LINE = 8  # loads and stores that one line of data serves
 
-Clock = Annotated[int, Interval(ge=27, le=216), MultipleOf(27), Unit("MHz"), Doc("CPU clock; each 27 MHz add one flash wait state")]
-PerInstruction = Annotated[float, Interval(ge=0.5, le=2), MultipleOf(0.1), Unit("cycles"), Doc("cycles per instruction when nothing is waited for")]
-Overhead = Annotated[int, Interval(ge=0, le=5), Unit("cycles"), Doc("what the bus adds to every read of the flash; 1 to 3 are likely")]
+Clock = Annotated[
+    int, Interval(ge=27, le=216), MultipleOf(27), Unit("MHz"), Doc("CPU clock; each 27 MHz add one flash wait state")
+]
+PerInstruction = Annotated[
+    float, Interval(ge=0.5, le=2), MultipleOf(0.1), Unit("cycles"), Doc("cycles per instruction when nothing is waited for")
+]
+Overhead = Annotated[
+    int, Interval(ge=0, le=5), Unit("cycles"), Doc("what the bus adds to every read of the flash; 1 to 3 are likely")
+]
 UncachedData = Annotated[int, Interval(ge=1, le=20), Unit("cycles"), Doc("stall of a load or store without data cache")]
 DataFill = Annotated[int, Interval(ge=0, le=40), Unit("cycles"), Doc("penalty: stall of a data-cache miss")]
-Coldness = Annotated[int, Interval(ge=0, le=100), Unit("%"), Doc("share of a job's lines that are no longer in the caches when it begins")]
+Coldness = Annotated[
+    int, Interval(ge=0, le=100), Unit("%"), Doc("share of a job's lines that are no longer in the caches when it begins")
+]
 
 
 def program(instructions: int, coldness: int, passes: int = 1, fetches_per_100: int = 48, insensitive: int = 0) -> Work:
     """A job that runs through its code `passes` times; of its lines of code and data the share `coldness` [%] must be fetched anew."""
     fetches, data = instructions * fetches_per_100 // 100, round(instructions * DATA_PER_INSTRUCTION)
     share = coldness / 100 / passes
-    return Work(instructions, fetches, data, code_fills=round(share * fetches / 4), data_fills=round(share * data / WORDS_PER_LINE), insensitive=insensitive)
+    return Work(
+        instructions,
+        fetches,
+        data,
+        code_fills=round(share * fetches / 4),
+        data_fills=round(share * data / WORDS_PER_LINE),
+        insensitive=insensitive,
+    )
 
 
 def parts(cost: Cost, unit: float) -> list[float]:
@@ -176,14 +237,26 @@ class TimingModel(Experiment):
     coldness: Coldness = 60
     passes: Annotated[int, Interval(ge=1, le=20), Doc("how often a job runs through its code: 1 is straight on, 20 a loop")] = 1
     fetches_per_100: Annotated[int, Interval(ge=41, le=56), Unit("reads"), Doc("64-bit reads of code per 100 instructions")] = 48
-    insensitive: Annotated[int, Interval(ge=0, le=300), MultipleOf(10), Unit("%"), Doc("time no cache changes, in % of the pure computing")] = 0
+    insensitive: Annotated[
+        int, Interval(ge=0, le=300), MultipleOf(10), Unit("%"), Doc("time no cache changes, in % of the pure computing")
+    ] = 0
 
     def run(self) -> tuple[Cost, Cost]:
         """Costs without and with caches."""
-        timing = Timing(hz=self.clock * MHZ, per_instruction=self.per_instruction, overhead=self.overhead,
-                        uncached_data=self.uncached_data, data_fill=self.data_fill)
-        work = program(INSTRUCTIONS, self.coldness, self.passes, self.fetches_per_100,
-                       round(INSTRUCTIONS * self.per_instruction * self.insensitive / 100))
+        timing = Timing(
+            hz=self.clock * MHZ,
+            per_instruction=self.per_instruction,
+            overhead=self.overhead,
+            uncached_data=self.uncached_data,
+            data_fill=self.data_fill,
+        )
+        work = program(
+            INSTRUCTIONS,
+            self.coldness,
+            self.passes,
+            self.fetches_per_100,
+            round(INSTRUCTIONS * self.per_instruction * self.insensitive / 100),
+        )
         return run_cost(work, timing, icache=False, dcache=False), run_cost(work, timing)
 
     def figure(self, result: tuple[Cost, Cost]) -> dict[str, Any]:
@@ -191,13 +264,21 @@ class TimingModel(Experiment):
         bars = [Bar("caches off", parts(off, INSTRUCTIONS)), Bar("caches on", parts(on, INSTRUCTIONS))]
         high = 1.05 * max(off.total, on.total) / INSTRUCTIONS
         data, axes = stacked(bars, PARTS, "cycles per instruction", (0, 0.4), high)
-        rows = [Factor(f"{name}, {platform}", [measured_factor(platform, name, rates) for rates in RATES], INK)
-                for platform, name in (*[key for key in CLAIMS if key[1] != "IDLE"], ("micro-ROS", "EthIf"), ("micro-ROS", "EthLink"))]
+        rows = [
+            Factor(f"{name}, {platform}", [measured_factor(platform, name, rates) for rates in RATES], INK)
+            for platform, name in (*[key for key in CLAIMS if key[1] != "IDLE"], ("micro-ROS", "EthIf"), ("micro-ROS", "EthLink"))
+        ]
         factor = off.total / on.total
-        more, right, shapes = factors(rows, "time without caches / time with caches", 0, max(8.2, factor * 1.05), (0.64, 1), "2", line=factor)
+        more, right, shapes = factors(
+            rows, "time without caches / time with caches", 0, max(8.2, factor * 1.05), (0.64, 1), "2", line=factor
+        )
         data[-1]["showlegend"] = False
-        return {"data": data + more, "layout": layout(460, **axes, **right, shapes=shapes, barmode="stack",
-                                                      margin={"l": 70, "r": 20, "t": 44, "b": 50}, legend=LEGEND)}
+        return {
+            "data": data + more,
+            "layout": layout(
+                460, **axes, **right, shapes=shapes, barmode="stack", margin={"l": 70, "r": 20, "t": 44, "b": 50}, legend=LEGEND
+            ),
+        }
 
     def metrics(self, result: tuple[Cost, Cost]) -> list[Metric]:
         off, on = result
@@ -208,8 +289,12 @@ class TimingModel(Experiment):
             Metric("without caches", off.total / INSTRUCTIONS, "cycles/instr."),
             Metric("with caches", on.total / INSTRUCTIONS, "cycles/instr."),
             Metric("speed-up", factor, "×"),
-            Metric("measured rows within 10 %", sum(abs(factor / m - 1) <= 0.1 for m in control), f"of {len(control)}",
-                   note="control tasks on both platforms, both rates; no single program is all of them"),
+            Metric(
+                "measured rows within 10 %",
+                sum(abs(factor / m - 1) <= 0.1 for m in control),
+                f"of {len(control)}",
+                note="control tasks on both platforms, both rates; no single program is all of them",
+            ),
         ]
 
 
@@ -232,7 +317,14 @@ class Explanation:
 
 
 JOBS = 1000
-CONTROL = {"wheel_ctrl": "FreeRTOS", "odometry": "FreeRTOS", "pose_control": "FreeRTOS", "w_ctrl": "micro-ROS", "odom": "micro-ROS", "p_ctrl": "micro-ROS"}
+CONTROL = {
+    "wheel_ctrl": "FreeRTOS",
+    "odometry": "FreeRTOS",
+    "pose_control": "FreeRTOS",
+    "w_ctrl": "micro-ROS",
+    "odom": "micro-ROS",
+    "p_ctrl": "micro-ROS",
+}
 
 
 class Explanations(Experiment):
@@ -243,8 +335,11 @@ class Explanations(Experiment):
     Right: the same program at other clocks, which nobody measured. Grey: the explanation with caches that are never cold.
     """
 
-    task: Annotated[Literal["wheel_ctrl", "odometry", "pose_control", "w_ctrl", "odom", "p_ctrl"],
-                    Labels({name: f"{name}, {platform}" for name, platform in CONTROL.items()}), Doc("measured at 100|50 Hz")] = "wheel_ctrl"
+    task: Annotated[
+        Literal["wheel_ctrl", "odometry", "pose_control", "w_ctrl", "odom", "p_ctrl"],
+        Labels({name: f"{name}, {platform}" for name, platform in CONTROL.items()}),
+        Doc("measured at 100|50 Hz"),
+    ] = "wheel_ctrl"
     coldness: Coldness = 40
     per_instruction: PerInstruction = 1.0
     overhead: Overhead = 2
@@ -252,8 +347,13 @@ class Explanations(Experiment):
     data_fill: DataFill = 12
 
     def timing(self, clock: int = CLOCK) -> Timing:
-        return Timing(hz=clock * MHZ, per_instruction=self.per_instruction, overhead=self.overhead,
-                      uncached_data=self.uncached_data, data_fill=self.data_fill)
+        return Timing(
+            hz=clock * MHZ,
+            per_instruction=self.per_instruction,
+            overhead=self.overhead,
+            uncached_data=self.uncached_data,
+            data_fill=self.data_fill,
+        )
 
     def run(self) -> Explanation:
         rows = (recordings()[CONTROL[self.task], "100|50", caches][self.task] for caches in ("off", "on"))
@@ -269,29 +369,81 @@ class Explanations(Experiment):
             pair = (run_cost(work, self.timing(clock), icache=caches, dcache=caches).total / JOBS for caches in (False, True))
             slopes.append((wait_states(clock * MHZ), *pair))
         timing = self.timing()
-        return Explanation(work, run_cost(work, timing, icache=False, dcache=False), run_cost(work, timing), (target_off, target_on), balance, slopes)
+        return Explanation(
+            work,
+            run_cost(work, timing, icache=False, dcache=False),
+            run_cost(work, timing),
+            (target_off, target_on),
+            balance,
+            slopes,
+        )
 
     def figure(self, result: Explanation) -> dict[str, Any]:
         us = CLOCK * JOBS  # cycles of JOBS jobs in a microsecond of one
-        bars = [Bar("caches off", parts(result.off, us), result.target[0] / us), Bar("caches on", parts(result.on, us), result.target[1] / us)]
-        data, axes = stacked(bars, PARTS, "time of one job at 216 MHz [us]", (0, 0.44), 1.1 * max(result.target[0], result.off.total) / us)
+        bars = [
+            Bar("caches off", parts(result.off, us), result.target[0] / us),
+            Bar("caches on", parts(result.on, us), result.target[1] / us),
+        ]
+        data, axes = stacked(
+            bars, PARTS, "time of one job at 216 MHz [us]", (0, 0.44), 1.1 * max(result.target[0], result.off.total) / us
+        )
         warm = Explanations(**{**self.model_dump(), "coldness": 0}).run() if self.coldness else result
         at = [s[0] for s in result.slopes]
-        lines = [Curve("caches off, never cold", at, [s[1] for s in warm.slopes], GREY, "dash"), Curve("caches on, never cold", at, [s[2] for s in warm.slopes], GREY, "dash"),
-                 Curve("caches off", at, [s[1] for s in result.slopes], BLUE), Curve("caches on", at, [s[2] for s in result.slopes], GREEN)]
-        more, right = curves(lines, "flash wait states (216 MHz needs 7)", "cycles of one job", (0.56, 1), "2", points=[(7, t / JOBS) for t in result.target], legend=False)
-        notes = [{"text": text, "x": x, "xref": "x2", "y": y, "yref": "y2", "xanchor": side, "yanchor": anchor, "showarrow": False, "font": {"color": colour, "size": 15}}
-                 for text, x, y, side, anchor, colour in (
-                     ("<b>caches off</b>", 0.2, lines[2].y[0], "left", "top", BLUE), ("<b>caches on</b>", 0.2, lines[3].y[0], "left", "top", GREEN),
-                     ("never cold", 3, lines[0].y[3], "right", "bottom", INK))]
-        return {"data": data + more, "layout": layout(450, **axes, **right, annotations=notes, barmode="stack",
-                                                      margin={"l": 70, "r": 20, "t": 44, "b": 50}, legend=LEGEND)}
+        lines = [
+            Curve("caches off, never cold", at, [s[1] for s in warm.slopes], GREY, "dash"),
+            Curve("caches on, never cold", at, [s[2] for s in warm.slopes], GREY, "dash"),
+            Curve("caches off", at, [s[1] for s in result.slopes], BLUE),
+            Curve("caches on", at, [s[2] for s in result.slopes], GREEN),
+        ]
+        more, right = curves(
+            lines,
+            "flash wait states (216 MHz needs 7)",
+            "cycles of one job",
+            (0.56, 1),
+            "2",
+            points=[(7, t / JOBS) for t in result.target],
+            legend=False,
+        )
+        notes = [
+            {
+                "text": text,
+                "x": x,
+                "xref": "x2",
+                "y": y,
+                "yref": "y2",
+                "xanchor": side,
+                "yanchor": anchor,
+                "showarrow": False,
+                "font": {"color": colour, "size": 15},
+            }
+            for text, x, y, side, anchor, colour in (
+                ("<b>caches off</b>", 0.2, lines[2].y[0], "left", "top", BLUE),
+                ("<b>caches on</b>", 0.2, lines[3].y[0], "left", "top", GREEN),
+                ("never cold", 3, lines[0].y[3], "right", "bottom", INK),
+            )
+        ]
+        return {
+            "data": data + more,
+            "layout": layout(
+                450,
+                **axes,
+                **right,
+                annotations=notes,
+                barmode="stack",
+                margin={"l": 70, "r": 20, "t": 44, "b": 50},
+                legend=LEGEND,
+            ),
+        }
 
     def metrics(self, result: Explanation) -> list[Metric]:
         work, possible = result.work, result.balance >= 0
         return [
-            Metric("explains both times", possible, good=possible, note="if not, the time no cache changes would have to be negative"),
-            Metric("instructions of a job", round(work.instructions / JOBS), "", note="follows from the difference of the two times"),
+            Metric(
+                "explains both times", possible, good=possible, note="if not, the time no cache changes would have to be negative"
+            ),
+            Metric(
+                "instructions of a job", round(work.instructions / JOBS), "", note="follows from the difference of the two times"
+            ),
             Metric("time no cache changes", result.balance / JOBS / CLOCK, "us", good=possible),
             Metric("slope, caches off", work.fetches / JOBS, "cycles/wait state", note="the code reads of a job, F"),
             Metric("slope, caches on", work.code_fills / JOBS, "cycles/wait state", note="the line fills of a job, M_I"),
@@ -299,6 +451,7 @@ class Explanations(Experiment):
 
 
 # Exercises: each asks the tables or the model
+
 
 def check_wrong_total(table: int) -> Verdict:
     """Clue 1: the table whose printed total is not the sum of its rows."""
@@ -315,7 +468,10 @@ def check_idle_formula(formula: Any) -> Verdict:
     """Clue 2: a function of the idle sums (off, on) that gives the printed 14.88 %."""
     off, on = (recordings()["FreeRTOS", "100|50", caches]["IDLE"].total for caches in ("off", "on"))
     value = formula(off, on)
-    return Verdict(round(value, 2) == CLAIMS["FreeRTOS", "IDLE"], f"your formula gives {value:.2f} %, the text prints {CLAIMS['FreeRTOS', 'IDLE']} %.")
+    return Verdict(
+        round(value, 2) == CLAIMS["FreeRTOS", "IDLE"],
+        f"your formula gives {value:.2f} %, the text prints {CLAIMS['FreeRTOS', 'IDLE']} %.",
+    )
 
 
 def check_sample_difference(platform: str, rates: str) -> Verdict:
@@ -323,7 +479,9 @@ def check_sample_difference(platform: str, rates: str) -> Verdict:
     if platform not in PLATFORMS or rates not in RATES:
         return Verdict(False, f"choose a platform of {', '.join(PLATFORMS)} and rates of {', '.join(RATES)}.")
     off, on = (sum(row.total for row in recordings()[platform, rates, caches].values()) for caches in ("off", "on"))
-    return Verdict(abs(on - off) == 349_045, f"the two recordings of {platform} at {rates} Hz differ by {abs(on - off) / 1000:.3f} ms.")
+    return Verdict(
+        abs(on - off) == 349_045, f"the two recordings of {platform} at {rates} Hz differ by {abs(on - off) / 1000:.3f} ms."
+    )
 
 
 def check_coldest(answer: Explanations) -> Verdict:
@@ -332,4 +490,8 @@ def check_coldest(answer: Explanations) -> Verdict:
     if not possible:
         return Verdict(False, f"{answer.coldness} % is too cold: the time no cache changes would have to be negative.")
     colder = answer.coldness < 100 and Explanations(**{**answer.model_dump(), "coldness": answer.coldness + 1}).run().balance >= 0
-    return Verdict(not colder, f"{answer.coldness} % explains both times" + (", but one percent more does as well." if colder else ", and one percent more does not."))
+    return Verdict(
+        not colder,
+        f"{answer.coldness} % explains both times"
+        + (", but one percent more does as well." if colder else ", and one percent more does not."),
+    )

@@ -27,7 +27,7 @@ PLACES: dict[str, tuple[int, tuple[MpuRegion, ...]]] = {
     "non_cacheable": (SRAM, (MpuRegion(0, 0x2002_0000, 4096, tex=1, c=0, b=0),)),
     "dtcm": (DTCM, ()),
 }
-PACKET, OLD, NEW = b"hello,agent,here_is_a_new_packet", b"the-old-frame-nobody-needs-again", b"NEW.FRAME.STRAIGHT.FROM.THE.WIRE"
+PACKET, OLD, NEW = (b"hello,agent,here_is_a_new_packet", b"the-old-frame-nobody-needs-again", b"NEW.FRAME.STRAIGHT.FROM.THE.WIRE")
 BEFORE, AFTER = b"1stvalue", b"2NDVALUE"  # of the neighbour, a variable right behind the buffer
 HIT, DROPPED = "invalidate hit a dirty neighbour", "invalidate dropped the packet"
 REASONS = CAUSES | {DROPPED: "the packet was in a dirty line that was not written back; clean it, do not invalidate it"}
@@ -77,9 +77,18 @@ def picture(stages: Sequence[Stage], shown: int, first: int, spans: Sequence[Spa
     """The lanes after stage number `shown`."""
     stage = stages[shown]
     gone = f"<br>Dirty lines dropped: {stage.lost}. What the CPU wrote there is gone." if stage.lost else ""
-    return lanes(stage.lanes, first, LINE, spans=spans, moves=stage.moves, headline=(headline or stage.text) + gone,
-                 remark=remark(stage), stages=[s.label for s in stages], stage=shown,
-                 alarms=[n for n, s in enumerate(stages) if s.wrong])
+    return lanes(
+        stage.lanes,
+        first,
+        LINE,
+        spans=spans,
+        moves=stage.moves,
+        headline=(headline or stage.text) + gone,
+        remark=remark(stage),
+        stages=[s.label for s in stages],
+        stage=shown,
+        alarms=[n for n, s in enumerate(stages) if s.wrong],
+    )
 
 
 class DmaCoherence(Experiment):
@@ -90,23 +99,38 @@ class DmaCoherence(Experiment):
     """
 
     step: Annotated[int, Interval(ge=0, le=9), Doc("how far the story is told")] = 0
-    direction: Annotated[Literal["transmit", "receive"], Labels({
-        "transmit": "transmit (DMA reads)", "receive": "receive (DMA writes)"}),
-        Doc("which way the DMA copies")] = "transmit"
+    direction: Annotated[
+        Literal["transmit", "receive"],
+        Labels({"transmit": "transmit (DMA reads)", "receive": "receive (DMA writes)"}),
+        Doc("which way the DMA copies"),
+    ] = "transmit"
     before: Annotated[DriverStep, STEPS, Doc("what the driver does with the buffer's lines before the transfer")] = "none"
     after: Annotated[DriverStep, STEPS, Doc("what the driver does with the buffer's lines after the transfer")] = "none"
-    meanwhile: Annotated[Literal["nothing", "speculation", "eviction"], Labels({
-        "nothing": "nothing", "speculation": "prefetch by the CPU", "eviction": "eviction by other work"}),
-        Doc("what happens in the middle of the transfer")] = "nothing"
-    neighbour: Annotated[Literal["alone", "before", "during"], Labels({
-        "alone": "left alone", "before": "written before", "during": "written during"}),
-        Doc("when the CPU writes the variable behind the buffer: before the transfer or while it runs")] = "alone"
-    offset: Annotated[int, Interval(ge=0, le=24), MultipleOf(4), Unit("bytes"),
-                      Doc("where in its first line the buffer begins")] = 0
-    place: Annotated[Literal["cached", "write_through", "non_cacheable", "dtcm"], Labels({
-        "cached": "write-back (default)", "write_through": "write-through (MPU)", "non_cacheable": "not cacheable (MPU)",
-        "dtcm": "DTCM, never cached"}),
-        Doc("where the buffer lies and how that memory is cached")] = "cached"
+    meanwhile: Annotated[
+        Literal["nothing", "speculation", "eviction"],
+        Labels({"nothing": "nothing", "speculation": "prefetch by the CPU", "eviction": "eviction by other work"}),
+        Doc("what happens in the middle of the transfer"),
+    ] = "nothing"
+    neighbour: Annotated[
+        Literal["alone", "before", "during"],
+        Labels({"alone": "left alone", "before": "written before", "during": "written during"}),
+        Doc("when the CPU writes the variable behind the buffer: before the transfer or while it runs"),
+    ] = "alone"
+    offset: Annotated[
+        int, Interval(ge=0, le=24), MultipleOf(4), Unit("bytes"), Doc("where in its first line the buffer begins")
+    ] = 0
+    place: Annotated[
+        Literal["cached", "write_through", "non_cacheable", "dtcm"],
+        Labels(
+            {
+                "cached": "write-back (default)",
+                "write_through": "write-through (MPU)",
+                "non_cacheable": "not cacheable (MPU)",
+                "dtcm": "DTCM, never cached",
+            }
+        ),
+        Doc("where the buffer lies and how that memory is cached"),
+    ] = "cached"
 
     def run(self) -> Outcome:
         first, mpu = PLACES[self.place]
@@ -116,7 +140,8 @@ class DmaCoherence(Experiment):
         story = Story(memory, first, WINDOW)
         cache, dma, transmit = story.cache, story.dma, self.direction == "transmit"
         kept = {"cached": "The bytes stay in the cache", "write_through": "Write-through: memory has them, too"}.get(
-            self.place, "They go past the cache")
+            self.place, "They go past the cache"
+        )
         operations = {"clean": cache.clean, "invalidate": cache.invalidate, "clean+invalidate": cache.clean_invalidate}
 
         def operate(op: str) -> None:
@@ -125,12 +150,16 @@ class DmaCoherence(Experiment):
 
         def copy(part: int) -> None:
             at = buffer + part * half
-            dma.read(at, half) if transmit else dma.write(at, NEW[part * half:(part + 1) * half])
+            dma.read(at, half) if transmit else dma.write(at, NEW[part * half : (part + 1) * half])
 
         with story.stage("start", "The cache is empty, the buffer holds zeros."):
             pass
-        with story.stage("CPU<br>works", f"The CPU writes the packet into the buffer. {kept}." if transmit else
-                         f"The CPU has worked on the last frame in this buffer: wrote it, read it. {kept}."):
+        with story.stage(
+            "CPU<br>works",
+            f"The CPU writes the packet into the buffer. {kept}."
+            if transmit
+            else f"The CPU has worked on the last frame in this buffer: wrote it, read it. {kept}.",
+        ):
             cache.write(buffer, PACKET if transmit else OLD)
             if not transmit:
                 cache.read(buffer, SIZE)
@@ -164,8 +193,13 @@ class DmaCoherence(Experiment):
         got, wanted = (sent, PACKET) if transmit else (read, NEW)
         touched = sum(len(set(r.written_back) | set(r.dropped)) for r in cache.log if isinstance(r, Operation))
         stages = [self._named(stage) for stage in story.stages()]
-        return Outcome(stages, tuple(a == b for a, b in zip(got, wanted, strict=True)),
-                       value == (BEFORE if self.neighbour == "alone" else AFTER), causes_of(stages), touched)
+        return Outcome(
+            stages,
+            tuple(a == b for a, b in zip(got, wanted, strict=True)),
+            value == (BEFORE if self.neighbour == "alone" else AFTER),
+            causes_of(stages),
+            touched,
+        )
 
     def _named(self, stage: Stage) -> Stage:
         """The stage with the one cause renamed that has another meaning here: the dirty line dropped may be the packet's own."""
@@ -174,26 +208,34 @@ class DmaCoherence(Experiment):
         return replace(stage, wrong=tuple(replace(v, cause=DROPPED) if mine else v for v, mine in zip(stage.wrong, own)))
 
     def figure(self, result: Outcome) -> dict[str, Any]:
-        spans = [Span("buffer", self.offset, self.offset + SIZE, colour=YELLOW),
-                 Span("neighbour", self.offset + SIZE, self.offset + SIZE + len(AFTER))]
+        spans = [
+            Span("buffer", self.offset, self.offset + SIZE, colour=YELLOW),
+            Span("neighbour", self.offset + SIZE, self.offset + SIZE + len(AFTER)),
+        ]
         return picture(result.stages, self.step, PLACES[self.place][0], spans)
 
     def metrics(self, result: Outcome) -> list[Metric]:
-        halves = tuple(all(result.arrived[n:n + SIZE // 2]) for n in (0, SIZE // 2))
+        halves = tuple(all(result.arrived[n : n + SIZE // 2]) for n in (0, SIZE // 2))
         got = {(True, True): "everything", (True, False): "the first half", (False, True): "the other half"}.get(
-            halves, "parts of it" if any(result.arrived) else "nothing of it")
+            halves, "parts of it" if any(result.arrived) else "nothing of it"
+        )
         more = f" (and {len(result.causes) - 1} more)" if len(result.causes) > 1 else ""
         return [
             Metric(f"{'the device' if self.direction == 'transmit' else 'the CPU'} got", got, good=all(result.arrived)),
             Metric("neighbour", "intact" if result.neighbour else "destroyed", good=result.neighbour),
-            Metric("what went wrong", result.causes[0] + more if result.causes else "nothing", good=not result.causes,
-                   note=REASONS[result.causes[0]] if result.causes else ""),
+            Metric(
+                "what went wrong",
+                result.causes[0] + more if result.causes else "nothing",
+                good=not result.causes,
+                note=REASONS[result.causes[0]] if result.causes else "",
+            ),
             Metric("lines cleaned or dropped", result.lines),
         ]
 
 
 DOES = {
-    "none": "nothing.", "clean": "clean. Dirty lines are written back and stay.",
+    "none": "nothing.",
+    "clean": "clean. Dirty lines are written back and stay.",
     "invalidate": "invalidate. The lines are dropped, dirty or not.",
     "clean+invalidate": "clean and invalidate. Dirty lines are written back, then all are dropped.",
 }
@@ -212,14 +254,18 @@ class Alignment(Experiment):
     """
 
     step: Annotated[int, Interval(ge=0, le=3), Doc("how far the story is told")] = 3
-    operation: Annotated[Literal["clean", "invalidate", "clean+invalidate"], Labels({
-        "clean": "clean (transmit)", "invalidate": "invalidate (receive)", "clean+invalidate": "clean and invalidate"}),
-        Doc("what the driver does with the buffer")] = "invalidate"
+    operation: Annotated[
+        Literal["clean", "invalidate", "clean+invalidate"],
+        Labels({"clean": "clean (transmit)", "invalidate": "invalidate (receive)", "clean+invalidate": "clean and invalidate"}),
+        Doc("what the driver does with the buffer"),
+    ] = "invalidate"
     offset: Annotated[int, Interval(ge=0, le=31), Unit("bytes"), Doc("where in its line the buffer begins: addr & 0x1F")] = 12
     size: Annotated[int, Interval(ge=1, le=32), Unit("bytes"), Doc("length of the buffer")] = 24
-    size_rule: Annotated[Literal["with_offset", "size_only"], Labels({
-        "with_offset": "size + (addr & 0x1F)", "size_only": "size only"}),
-        Doc("which size the driver passes on after it has rounded the address down")] = "with_offset"
+    size_rule: Annotated[
+        Literal["with_offset", "size_only"],
+        Labels({"with_offset": "size + (addr & 0x1F)", "size_only": "size only"}),
+        Doc("which size the driver passes on after it has rounded the address down"),
+    ] = "with_offset"
 
     def run(self) -> tuple[list[Stage], Operation, int]:
         """The stages, the record of the operation, and how many stale bytes were read in the end."""
@@ -232,7 +278,7 @@ class Alignment(Experiment):
             return act(buffer, self.size, round_size=self.size_rule == "with_offset")
 
         with story.stage("CPU writes", "The CPU writes its variables: all of this is dirty now."):
-            own = (b"mine" * LINE)[:self.offset] + (b"packet" * LINE)[:self.size] + (b"yours" * LINE)[:WINDOW - end]
+            own = (b"mine" * LINE)[: self.offset] + (b"packet" * LINE)[: self.size] + (b"yours" * LINE)[: WINDOW - end]
             for column, value in enumerate(own):
                 if transmit or not self.offset <= column < end:
                     cache.write(first + column, bytes([value]))
@@ -243,7 +289,7 @@ class Alignment(Experiment):
                 story.dma.read(buffer, self.size)
         else:
             with story.stage("DMA writes", ""):
-                story.dma.write(buffer, (b"FRAME." * LINE)[:self.size])
+                story.dma.write(buffer, (b"FRAME." * LINE)[: self.size])
             with story.stage(self.operation.replace("+", " and "), ""):
                 done = operate()
         with story.stage("CPU reads", ""):
@@ -255,8 +301,12 @@ class Alignment(Experiment):
         stages, done, _ = result
         end, worked = self.offset + self.size, len(done.lines) * LINE
         lines = f"{len(done.lines)} line{'s' * (len(done.lines) != 1)}"
-        spans = [Span("before", 0, self.offset), Span("buffer", self.offset, end, colour=YELLOW), Span("behind", end, WINDOW),
-                 Span(f"worked on: {lines}", 0, worked, 1, SKY)]
+        spans = [
+            Span("before", 0, self.offset),
+            Span("buffer", self.offset, end, colour=YELLOW),
+            Span("behind", end, WINDOW),
+            Span(f"worked on: {lines}", 0, worked, 1, SKY),
+        ]
         if done.missed:
             spans.append(Span("missed", worked, end, 1, ORANGE))
         asked = f"{self.size} + {self.offset} = {self.size + self.offset}" if self.size_rule == "with_offset" else f"{self.size}"
@@ -269,9 +319,13 @@ class Alignment(Experiment):
         causes = causes_of(stages)
         return [
             Metric("bytes of the buffer missed", missed, good=not missed),
-            Metric("bytes of others worked on", sum(size for _, size in done.neighbours),
-                   note="harmless to clean, deadly to invalidate"),
+            Metric(
+                "bytes of others worked on",
+                sum(size for _, size in done.neighbours),
+                note="harmless to clean, deadly to invalidate",
+            ),
             Metric("stale bytes read in the end", stale, good=not stale),
-            Metric("what went wrong", causes[0] if causes else "nothing", good=not causes,
-                   note=CAUSES[causes[0]] if causes else ""),
+            Metric(
+                "what went wrong", causes[0] if causes else "nothing", good=not causes, note=CAUSES[causes[0]] if causes else ""
+            ),
         ]

@@ -22,8 +22,11 @@ def check_failures(collection: Sequence[DmaCoherence]) -> Verdict:
     """Exercise 1: settings of the bench that show all six documented failures between them."""
     shown = {cause for experiment in collection for cause in experiment.run().causes}
     missing = [cause for cause in DOCUMENTED if cause not in shown]
-    return Verdict(not missing, f"{len(DOCUMENTED) - len(missing)} of {len(DOCUMENTED)} failures" +
-                   (f"; still missing: {', '.join(missing)}." if missing else ", the collection is complete."))
+    return Verdict(
+        not missing,
+        f"{len(DOCUMENTED) - len(missing)} of {len(DOCUMENTED)} failures"
+        + (f"; still missing: {', '.join(missing)}." if missing else ", the collection is complete."),
+    )
 
 
 def check_rounding(rounded: Callable[[int, int], tuple[int, int]]) -> Verdict:
@@ -82,13 +85,15 @@ def check_receive_driver(driver: Callable[[Cache, Dma, int, bytes], bytes]) -> V
             if wrong:
                 return Verdict(False, f"{scene}: {wrong[0].cause} ({CAUSES[wrong[0].cause]}).")
             transfers = [n for n, record in enumerate(cache.log) if isinstance(record, Transfer) and record.op == "dma write"]
-            later = cache.log[transfers[-1]:] if transfers else []
+            later = cache.log[transfers[-1] :] if transfers else []
             read = sum(record.size for record in later if getattr(record, "op", "") == "read" and record.address >= BUFFER)
             if not cache.enabled:
                 return Verdict(False, "the cache is off when your driver ends; everybody else pays for that.")
             if got != FRAME or read < len(FRAME):
-                return Verdict(False, f"{scene}: your driver has to call dma.write(...) and to return what the CPU then reads, "
-                                      "cache.load(...).")
+                return Verdict(
+                    False,
+                    f"{scene}: your driver has to call dma.write(...) and to return what the CPU then reads, cache.load(...).",
+                )
     return Verdict(True, "right in all nine scenes: three states of the cache, three things that happen meanwhile.")
 
 

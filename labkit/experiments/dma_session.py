@@ -34,7 +34,7 @@ def agent(message: bytes) -> str:
     Submessage 0 is CREATE_CLIENT. A key of zeros is invalid, which is what the agent of source 1 reported.
     """
     start = 8 if message[0] < 0x80 else 4
-    submessage, body = message[start], message[start + 4:]
+    submessage, body = message[start], message[start + 4 :]
     if submessage != 0:
         return "no CREATE_CLIENT"
     if not any(body[8:12]):
@@ -82,25 +82,43 @@ class UrosSession(Experiment):
     """
 
     step: Annotated[int, Interval(ge=0, le=4), Doc("how far the story is told")] = 4
-    driver: Annotated[Literal["generated", "size_only", "with_offset"], Labels({
-        "generated": "no clean (as generated)", "size_only": "clean, size only", "with_offset": "clean, size + offset"}),
-        Doc("what the Ethernet driver does before it starts the DMA")] = "generated"
-    mpu: Annotated[Literal["none", "source1", "heap"], Labels({
-        "none": "none", "source1": "source 1's two", "heap": "heap not cacheable"}),
-        Doc("MPU regions")] = "source1"
-    heap: Annotated[Literal["sram1", "dtcm"], Labels({"sram1": "SRAM1, 0x2002 4000", "dtcm": "DTCM, 0x2000 4000"}),
-                    Doc("where lwIP's packet buffers lie")] = "sram1"
-    offset: Annotated[int, Interval(ge=0, le=31), Unit("bytes"),
-                      Doc("where in its cache line the message begins; 42 bytes of headers before it make 10")] = 10
-    other_work: Annotated[int, Interval(ge=0, le=20), Unit("KiB"),
-                          Doc("what the CPU reads between the driver's call and the DMA's access")] = 0
+    driver: Annotated[
+        Literal["generated", "size_only", "with_offset"],
+        Labels({"generated": "no clean (as generated)", "size_only": "clean, size only", "with_offset": "clean, size + offset"}),
+        Doc("what the Ethernet driver does before it starts the DMA"),
+    ] = "generated"
+    mpu: Annotated[
+        Literal["none", "source1", "heap"],
+        Labels({"none": "none", "source1": "source 1's two", "heap": "heap not cacheable"}),
+        Doc("MPU regions"),
+    ] = "source1"
+    heap: Annotated[
+        Literal["sram1", "dtcm"],
+        Labels({"sram1": "SRAM1, 0x2002 4000", "dtcm": "DTCM, 0x2000 4000"}),
+        Doc("where lwIP's packet buffers lie"),
+    ] = "sram1"
+    offset: Annotated[
+        int,
+        Interval(ge=0, le=31),
+        Unit("bytes"),
+        Doc("where in its cache line the message begins; 42 bytes of headers before it make 10"),
+    ] = 10
+    other_work: Annotated[
+        int, Interval(ge=0, le=20), Unit("KiB"), Doc("what the CPU reads between the driver's call and the DMA's access")
+    ] = 0
 
     def run(self) -> Sent:
         return send(REGIONS[self.mpu], self.driver, HEAPS[self.heap] + self.offset, self.other_work)
 
     def figure(self, result: Sent) -> dict[str, Any]:
-        spans = [Span("header", 0, 4), Span("submessage", 4, 8), Span("cookie", 8, 12), Span("version, vendor", 12, 16),
-                 Span("client_key", KEY.start, KEY.stop, colour=YELLOW), Span("session, mtu", 20, 24)]
+        spans = [
+            Span("header", 0, 4),
+            Span("submessage", 4, 8),
+            Span("cookie", 8, 12),
+            Span("version, vendor", 12, 16),
+            Span("client_key", KEY.start, KEY.stop, colour=YELLOW),
+            Span("session, mtu", 20, 24),
+        ]
         return picture(result.stages, self.step, HEAPS[self.heap] + self.offset, spans)
 
     def metrics(self, result: Sent) -> list[Metric]:

@@ -12,7 +12,7 @@ from typing_extensions import Doc
 from labkit.experiment import Experiment, Labels, Metric, Verdict
 from labkit.figures.activity import Steps, activity
 from labkit.figures.style import BLUE, GREEN, VERMILION
-from labkit.scheduler import Costs, Kernel, Run
+from labkit.kernel import Costs, Kernel, Run
 from labkit.trace import Trace
 from labkit.trace.kinds import CODE
 
@@ -41,9 +41,11 @@ class QueueLab(Experiment):
     encoder overwrites a mailbox for the odometry, and sends without waiting to the wheel control.
     """
 
-    mode: Annotated[Literal["drop", "wait", "overwrite"], Labels({
-        "drop": "send, drop when full", "wait": "send, wait for room", "overwrite": "overwrite a mailbox"}),
-        Doc("what the producer does when the queue is full")] = "drop"
+    mode: Annotated[
+        Literal["drop", "wait", "overwrite"],
+        Labels({"drop": "send, drop when full", "wait": "send, wait for room", "overwrite": "overwrite a mailbox"}),
+        Doc("what the producer does when the queue is full"),
+    ] = "drop"
     length: Annotated[int, Interval(ge=1, le=12), Unit("items"), Doc("room in the queue (a mailbox always has 1)")] = 3
     produce_every: Annotated[int, Interval(ge=1, le=10), Unit("ms"), Doc("period of the producer")] = 2
     consume_in: Annotated[int, Interval(ge=1, le=10), Unit("ms"), Doc("work of the consumer for each item")] = 3
@@ -95,8 +97,14 @@ class QueueLab(Experiment):
 
     def figure(self, result: Delivery) -> dict[str, Any]:
         when, fill = self.fill(result)
-        return activity(result.run.trace, ("producer", "consumer"), [Steps("items in the queue", when, fill, BLUE)], "items", WINDOW,
-                        marks={"dropped": (result.dropped, fill.max(initial=0) + 0.5, "x", VERMILION)})
+        return activity(
+            result.run.trace,
+            ("producer", "consumer"),
+            [Steps("items in the queue", when, fill, BLUE)],
+            "items",
+            WINDOW,
+            marks={"dropped": (result.dropped, fill.max(initial=0) + 0.5, "x", VERMILION)},
+        )
 
     def metrics(self, result: Delivery) -> list[Metric]:
         ages = self.ages(result)
@@ -124,7 +132,9 @@ class Service:
 
 
 MECHANISMS = {
-    "binary": "binary semaphore", "counting": "counting semaphore, length 8", "notify_clear": "notification, take clears",
+    "binary": "binary semaphore",
+    "counting": "counting semaphore, length 8",
+    "notify_clear": "notification, take clears",
     "notify_decrement": "notification, take decrements",
 }
 
@@ -136,12 +146,22 @@ class SignalLab(Experiment):
     is given relative to it: FreeRTOS's own documentation claims that unblocking by notification is up to 45 % faster.
     """
 
-    mechanism: Annotated[Literal["binary", "counting", "notify_clear", "notify_decrement"], Labels(MECHANISMS), Doc("how the interrupt tells the task")] = "binary"
+    mechanism: Annotated[
+        Literal["binary", "counting", "notify_clear", "notify_decrement"],
+        Labels(MECHANISMS),
+        Doc("how the interrupt tells the task"),
+    ] = "binary"
     burst: Annotated[int, Interval(ge=1, le=10), Unit("events"), Doc("interrupts in a row, 100 us apart")] = 4
     burst_every: Annotated[int, Interval(ge=2, le=20), Unit("ms"), Doc("distance of the bursts")] = 10
-    serve_in: Annotated[int, Interval(ge=100, le=3000), MultipleOf(100), Unit("us"), Doc("work of the handler for each event")] = 600
-    semaphore_call: Annotated[int, Interval(ge=100, le=2000), MultipleOf(50), Unit("cycles"), Doc("cost of a semaphore's give or take")] = 400
-    notification_saves: Annotated[int, Interval(ge=0, le=60), MultipleOf(5), Unit("%"), Doc("how much less a notification costs")] = 45
+    serve_in: Annotated[
+        int, Interval(ge=100, le=3000), MultipleOf(100), Unit("us"), Doc("work of the handler for each event")
+    ] = 600
+    semaphore_call: Annotated[
+        int, Interval(ge=100, le=2000), MultipleOf(50), Unit("cycles"), Doc("cost of a semaphore's give or take")
+    ] = 400
+    notification_saves: Annotated[
+        int, Interval(ge=0, le=60), MultipleOf(5), Unit("%"), Doc("how much less a notification costs")
+    ] = 45
 
     def run(self) -> Service:
         notification = self.mechanism.startswith("notify")
@@ -170,7 +190,9 @@ class SignalLab(Experiment):
         for start in range(1, WINDOW, self.burst_every):
             for n in range(self.burst):
                 raised.append(start * k.ms + n * 100 * k.us)
-                k.interrupt(raised[-1], (lambda isr: isr.notify_give(task)) if notification else (lambda isr: isr.give(semaphore)))
+                k.interrupt(
+                    raised[-1], (lambda isr: isr.notify_give(task)) if notification else (lambda isr: isr.give(semaphore))
+                )
         run = k.run(until=WINDOW * k.ms)
         marks = run.trace.rows("mark")
         first = np.array([at for at in raised if (at - raised[0]) % (self.burst_every * k.ms) == 0])
@@ -189,8 +211,10 @@ class SignalLab(Experiment):
         return len(before) > 0 and run.trace.names[before[-1, 2]] == "IDLE"
 
     def figure(self, result: Service) -> dict[str, Any]:
-        steps = [Steps("raised", np.append(0.0, result.raised), np.arange(len(result.raised) + 1), VERMILION),
-                 Steps("served", np.append(0.0, result.served), np.append(0, result.counts), GREEN)]
+        steps = [
+            Steps("raised", np.append(0.0, result.raised), np.arange(len(result.raised) + 1), VERMILION),
+            Steps("served", np.append(0.0, result.served), np.append(0, result.counts), GREEN),
+        ]
         return activity(result.run.trace, ("handler",), steps, "events", WINDOW, height=430)
 
     def metrics(self, result: Service) -> list[Metric]:
@@ -201,8 +225,14 @@ class SignalLab(Experiment):
             Metric("served", len(result.served), "events"),
             Metric("lost", lost, "events", good=not lost, note="the semaphore was full when the interrupt gave it"),
             Metric("not yet served at the end", waiting, "events"),
-            Metric("interrupt to handler, idle CPU", float(result.latencies.max()) if len(result.latencies) else None, "us",
-                   note="longest of the first events of a burst that found the CPU idle" if len(result.latencies) else "the handler never slept"),
+            Metric(
+                "interrupt to handler, idle CPU",
+                float(result.latencies.max()) if len(result.latencies) else None,
+                "us",
+                note="longest of the first events of a burst that found the CPU idle"
+                if len(result.latencies)
+                else "the handler never slept",
+            ),
         ]
 
 
@@ -215,4 +245,7 @@ def check_shortest_queue(answer: QueueLab) -> Verdict:
     if lost:
         return Verdict(False, f"a queue of {answer.length} loses {lost} items.")
     shorter = answer.length > 1 and not len(QueueLab(length=answer.length - 1).run().dropped)
-    return Verdict(not shorter, f"a queue of {answer.length} loses nothing{', but a shorter one neither' if shorter else ', and one less loses something'}.")
+    return Verdict(
+        not shorter,
+        f"a queue of {answer.length} loses nothing{', but a shorter one neither' if shorter else ', and one less loses something'}.",
+    )

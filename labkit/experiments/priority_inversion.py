@@ -10,7 +10,7 @@ from typing_extensions import Doc
 
 from labkit.experiment import Experiment, Labels, Metric, Verdict
 from labkit.figures.timeline import Panel, timeline
-from labkit.scheduler import Kernel, Run
+from labkit.kernel import Kernel, Run
 from labkit.scheduler.analysis import CriticalSection, blocking_bounds
 from labkit.scheduler.tasksets import PeriodicTask
 from labkit.trace.folds import runs
@@ -22,7 +22,10 @@ PROTOCOLS = {
     "none": "mutex without any protocol",
 }
 Protocol = Annotated[
-    Literal["freertos", "inheritance", "ceiling", "none"], Labels(PROTOCOLS), Doc("what the lock of the lower timeline does about priorities")]
+    Literal["freertos", "inheritance", "ceiling", "none"],
+    Labels(PROTOCOLS),
+    Doc("what the lock of the lower timeline does about priorities"),
+]
 
 BASE = {"H": 3, "M": 2, "L": 1}
 H_BEFORE, H_INSIDE, H_AFTER, L_AFTER = 1, 3, 1, 2  # ms of work before, inside and after the critical section
@@ -71,8 +74,11 @@ class PriorityInversion(Experiment):
     def simulate(self, protocol: str) -> Run:
         """One run under a protocol; "semaphore" is a binary semaphore, which has no owner and so no protocol."""
         k = Kernel()
-        lock = (k.binary("S", init=1) if protocol == "semaphore"
-                else k.mutex("S", protocol, users=("L", "H") if protocol == "ceiling" else ()))
+        lock = (
+            k.binary("S", init=1)
+            if protocol == "semaphore"
+            else k.mutex("S", protocol, users=("L", "H") if protocol == "ceiling" else ())
+        )
 
         def low(os: Any) -> Any:
             yield os.take(lock)
@@ -106,8 +112,11 @@ class PriorityInversion(Experiment):
     def bound(self, protocol: str) -> int | None:
         """The analytical bound on H's blocking in ms, whatever the releases."""
         never = 10 * self.horizon()  # every task has one job, so its period is longer than anything here
-        tasks = [PeriodicTask("H", H_BEFORE + H_INSIDE + H_AFTER, never), *([PeriodicTask("M", self.interference, never)] if self.interference else []),
-                 PeriodicTask("L", self.hold + L_AFTER, never)]
+        tasks = [
+            PeriodicTask("H", H_BEFORE + H_INSIDE + H_AFTER, never),
+            *([PeriodicTask("M", self.interference, never)] if self.interference else []),
+            PeriodicTask("L", self.hold + L_AFTER, never),
+        ]
         sections = [CriticalSection("H", "S", H_INSIDE), CriticalSection("L", "S", self.hold)]
         return blocking_bounds(tasks, sections, "none" if protocol == "semaphore" else protocol)["H"]
 
@@ -116,7 +125,10 @@ class PriorityInversion(Experiment):
         return tuple(Outcome(r, *waiting(r, "H", self.release_H)) for r in runs_)  # type: ignore[return-value]
 
     def figure(self, result: tuple[Outcome, Outcome]) -> dict[str, Any]:
-        titles = ("Binary semaphore: no owner, no inheritance", PROTOCOLS[self.protocol].capitalize().replace("freertos", "FreeRTOS"))
+        titles = (
+            "Binary semaphore: no owner, no inheritance",
+            PROTOCOLS[self.protocol].capitalize().replace("freertos", "FreeRTOS"),
+        )
         panels = []
         for title, outcome in zip(titles, result, strict=True):
             trace, ms = outcome.run.trace, outcome.run.trace.hz // 1000
@@ -128,10 +140,22 @@ class PriorityInversion(Experiment):
         semaphore, mutex = result
         loose, tight = self.bound("semaphore"), self.bound(self.protocol)
         return [
-            Metric("H blocked, semaphore", semaphore.blocked, "ms", bound=loose, good=semaphore.blocked <= loose,
-                   note="H waits for L, and L waits for M: the bound is the critical section of L and all the work of M"),
-            Metric("H blocked, mutex", mutex.blocked, "ms", bound=tight, good=mutex.blocked <= tight,
-                   note="with a protocol the bound is the longest critical section of a lower task"),
+            Metric(
+                "H blocked, semaphore",
+                semaphore.blocked,
+                "ms",
+                bound=loose,
+                good=semaphore.blocked <= loose,
+                note="H waits for L, and L waits for M: the bound is the critical section of L and all the work of M",
+            ),
+            Metric(
+                "H blocked, mutex",
+                mutex.blocked,
+                "ms",
+                bound=tight,
+                good=mutex.blocked <= tight,
+                note="with a protocol the bound is the longest critical section of a lower task",
+            ),
             Metric("saved by the protocol", semaphore.blocked - mutex.blocked, "ms"),
         ]
 
@@ -145,8 +169,11 @@ class NestedMutexes(Experiment):
 
     both: Annotated[int, Interval(ge=1, le=10), Unit("ms"), Doc("work of L while it holds A and B")] = 5
     second: Annotated[int, Interval(ge=1, le=15), Unit("ms"), Doc("work of L between its first and its second give")] = 8
-    first_given: Annotated[Literal["A", "B"], Labels({"A": "A, the one H waits for", "B": "B, which nobody wants"}),
-                           Doc("which mutex L gives back first")] = "A"
+    first_given: Annotated[
+        Literal["A", "B"],
+        Labels({"A": "A, the one H waits for", "B": "B, which nobody wants"}),
+        Doc("which mutex L gives back first"),
+    ] = "A"
     release_H: Annotated[int, Interval(ge=0, le=12), Unit("ms"), Doc("when H starts")] = 2
     release_M: Annotated[int, Interval(ge=0, le=12), Unit("ms"), Doc("when M starts")] = 4
 
@@ -194,7 +221,11 @@ class NestedMutexes(Experiment):
 
     def figure(self, result: dict[str, Outcome]) -> dict[str, Any]:
         panels = []
-        for title, outcome in zip(("FreeRTOS: L drops at its last give", "Textbook inheritance: L drops when nobody waits"), result.values(), strict=True):
+        for title, outcome in zip(
+            ("FreeRTOS: L drops at its last give", "Textbook inheritance: L drops when nobody waits"),
+            result.values(),
+            strict=True,
+        ):
             ms = outcome.run.trace.hz // 1000
             done = round((self.release_M + outcome.response) * ms)
             panels.append(Panel(title, outcome.run.trace, (done, "M", f"responds after {outcome.response:g} ms")))
@@ -206,9 +237,16 @@ class NestedMutexes(Experiment):
         return [
             Metric("response of M, FreeRTOS", ours.response, "ms"),
             Metric("response of M, textbook", textbook.response, "ms"),
-            Metric("M delayed by the late drop", ours.response - textbook.response, "ms", good=ours.response <= textbook.response),
+            Metric(
+                "M delayed by the late drop", ours.response - textbook.response, "ms", good=ours.response <= textbook.response
+            ),
             Metric("response of H, FreeRTOS", high["freertos"], "ms"),
-            Metric("response of H, textbook", high["inheritance"], "ms", note="H has the same priority as L until L drops: they share the CPU tick by tick"),
+            Metric(
+                "response of H, textbook",
+                high["inheritance"],
+                "ms",
+                note="H has the same priority as L until L drops: they share the CPU tick by tick",
+            ),
         ]
 
 
@@ -288,7 +326,9 @@ class MarsPathfinder(Experiment):
             verdict = f"first reset at {resets[0]:g} ms" if resets else "no reset"
             panels.append(Panel(f"{title}: {verdict}", run.trace, alarms=[round(at * run.trace.hz / 1000) for at in resets]))
         end = FRAMES * FRAME + 20
-        return timeline(panels, tasks=("bc_sched", "bc_dist", "comm", "ASI_MET"), base=PATHFINDER, locks=("select",), end=end, height=640)
+        return timeline(
+            panels, tasks=("bc_sched", "bc_dist", "comm", "ASI_MET"), base=PATHFINDER, locks=("select",), end=end, height=640
+        )
 
     def metrics(self, result: dict[str, Run]) -> list[Metric]:
         off, on = (self.resets(result[key]) for key in ("off", "on"))
@@ -305,6 +345,7 @@ PATHFINDER = {"bc_sched": 4, "bc_dist": 3, "comm": 2, "ASI_MET": 1}
 
 # Exercises: each asks the model
 
+
 def check_harmless_inversion(answer: PriorityInversion) -> Verdict:
     """Exercise 1: releases at which the semaphore costs H nothing, although M interferes at least 10 ms and L holds at least 6 ms."""
     if answer.interference < 10 or answer.hold < 6:
@@ -318,13 +359,20 @@ def check_bound_reached(answer: PriorityInversion) -> Verdict:
     if answer.protocol != "freertos":
         return Verdict(False, "choose protocol='freertos'.")
     blocked, bound = answer.run()[1].blocked, answer.bound("freertos")
-    return Verdict(bound - blocked <= 1, f"H is blocked for {blocked:g} ms, the bound is {bound} ms; at most 1 ms may be missing.")
+    return Verdict(
+        bound - blocked <= 1, f"H is blocked for {blocked:g} ms, the bound is {bound} ms; at most 1 ms may be missing."
+    )
 
 
 def check_prompt_middle(answer: NestedMutexes) -> Verdict:
     """Exercise 3: keep L's work, but let M answer under FreeRTOS as early as under the textbook's protocol."""
     start = NestedMutexes()
-    if (answer.both, answer.second, answer.release_H, answer.release_M) != (start.both, start.second, start.release_H, start.release_M):
+    if (answer.both, answer.second, answer.release_H, answer.release_M) != (
+        start.both,
+        start.second,
+        start.release_H,
+        start.release_M,
+    ):
         return Verdict(False, "change the order of the gives only; work and releases stay as they are.")
     late = answer.measure("M delayed by the late drop")
     return Verdict(late <= 0, f"the late drop costs M {late:g} ms.")

@@ -27,7 +27,7 @@ from labkit.scheduler.analysis import (
 from labkit.scheduler.execution import log_normal
 from labkit.scheduler.jobs import EP
 from labkit.scheduler.periodic import simulate
-from labkit.scheduler.tasksets import PeriodicTask, TaskPair, log_uniform_periods, rate_monotonic, uunifast, whole_wcets
+from labkit.scheduler.tasksets import PeriodicTask, TaskPair, log_uniform_periods, rate_monotonic, uunifast
 from labkit.trace import Trace
 
 MS = 1000  # units of all traces here: microseconds

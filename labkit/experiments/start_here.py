@@ -5,13 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated, Any
 
-import numpy as np
 from annotated_types import Interval, MultipleOf, Unit
 from typing_extensions import Doc
 
 from labkit.experiment import Experiment, Metric
 from labkit.figures.timeline import Panel, timeline
-from labkit.scheduler import Kernel, Run
+from labkit.kernel import Kernel, Run
 from labkit.scheduler.analysis import response_times, utilization
 from labkit.scheduler.tasksets import PeriodicTask
 
@@ -35,16 +34,24 @@ class ThreeTasks(Experiment):
     case, so the longest response of the simulation is the one that response-time analysis computes.
     """
 
-    wheel_work: Annotated[float, Interval(ge=0.5, le=9.5), MultipleOf(0.5), Unit("ms"), Doc("work of each job of wheel_ctrl, period 10 ms")] = 3.0
-    odometry_work: Annotated[float, Interval(ge=0.5, le=19.5), MultipleOf(0.5), Unit("ms"), Doc("work of each job of odometry, period 20 ms")] = 5.0
-    pose_work: Annotated[float, Interval(ge=0.5, le=39.5), MultipleOf(0.5), Unit("ms"), Doc("work of each job of pose_ctrl")] = 9.0
+    wheel_work: Annotated[
+        float, Interval(ge=0.5, le=9.5), MultipleOf(0.5), Unit("ms"), Doc("work of each job of wheel_ctrl, period 10 ms")
+    ] = 3.0
+    odometry_work: Annotated[
+        float, Interval(ge=0.5, le=19.5), MultipleOf(0.5), Unit("ms"), Doc("work of each job of odometry, period 20 ms")
+    ] = 5.0
+    pose_work: Annotated[float, Interval(ge=0.5, le=39.5), MultipleOf(0.5), Unit("ms"), Doc("work of each job of pose_ctrl")] = (
+        9.0
+    )
     pose_period: Annotated[int, Interval(ge=20, le=60), Unit("ms"), Doc("period of pose_ctrl")] = 40
 
     def tasks(self, us: int = 1) -> list[PeriodicTask]:
         """The task set in priority order, in units of a microsecond (or `us` of a finer unit each)."""
         work = {"wheel_ctrl": self.wheel_work, "odometry": self.odometry_work, "pose_ctrl": self.pose_work}
         period = {"wheel_ctrl": 10, "odometry": 20, "pose_ctrl": self.pose_period}
-        return [PeriodicTask(name, round(work[name] * 1000) * us, period[name] * 1000 * us, deadline=10**9 * us) for name in PRIORITY]
+        return [
+            PeriodicTask(name, round(work[name] * 1000) * us, period[name] * 1000 * us, deadline=10**9 * us) for name in PRIORITY
+        ]
 
     def run(self) -> Schedule:
         k = Kernel()
@@ -55,6 +62,7 @@ class ThreeTasks(Experiment):
                 while True:
                     yield os.compute(task.wcet * os.us - 1)  # its last cycle is the call below, else a tick comes between the two
                     yield os.delay_until(task.period // 1000)
+
             return forever
 
         for task in reversed(tasks):
@@ -77,10 +85,19 @@ class ThreeTasks(Experiment):
 
     def metrics(self, result: Schedule) -> list[Metric]:
         load = float(utilization(self.tasks()))
-        found = [Metric("utilisation", 100 * load, "%", good=load <= 1, note="above 100 % the lowest task falls behind without end")]
+        found = [
+            Metric("utilisation", 100 * load, "%", good=load <= 1, note="above 100 % the lowest task falls behind without end")
+        ]
         for task in self.tasks():
             bound, longest = result.bound[task.name], result.longest[task.name]
-            found.append(Metric(f"{task.name}, longest response", longest, "ms", bound=bound,
-                                good=bound is not None and bound <= task.period / 1000,
-                                note=f"deadline {task.period // 1000} ms" + ("" if bound is not None else "; no bound: it overloads")))
+            found.append(
+                Metric(
+                    f"{task.name}, longest response",
+                    longest,
+                    "ms",
+                    bound=bound,
+                    good=bound is not None and bound <= task.period / 1000,
+                    note=f"deadline {task.period // 1000} ms" + ("" if bound is not None else "; no bound: it overloads"),
+                )
+            )
         return found

@@ -13,16 +13,24 @@ from typing_extensions import Doc
 from labkit.data import published_table
 from labkit.experiment import Experiment, Metric, Verdict
 from labkit.figures.phases import activity_stack, periods_gantt, plan, verdict_grid
+from labkit.phases.designs import DESIGNS, DesignRun, phase_times, run_design
+from labkit.phases.laser_chain import CONTOUR, MS, Experiment1, experiment_1, laser_chain, laser_load
+from labkit.phases.windows import Part, Window, phases_of, windows
 from labkit.scheduler.execution import fit_log_normal, log_normal
-from labkit.scheduler.laser_chain import CONTOUR, MS, Experiment1, experiment_1, laser_chain, laser_load
-from labkit.scheduler.phases import DESIGNS, DesignRun, phase_times, run_design
-from labkit.scheduler.windows import Part, Window, phases_of, windows
 
 PERIODS, SHOWN = 60, 2  # of the six designs: periods run under the same load, periods drawn
 RUNS = 1000  # of the contour filter, among which the longest took 140 ms
 
-ArcsEcet = Annotated[int, Interval(ge=5, le=60), Unit("ms"), Doc("expected time (ECET) of the contour filter's arc search; source 2: 30 ms")]
-Ninety = Annotated[int, Interval(ge=15, le=100), MultipleOf(5), Unit("ms"), Doc("90 % of the contour filter's run times are below this; source 2: 50 ms")]
+ArcsEcet = Annotated[
+    int, Interval(ge=5, le=60), Unit("ms"), Doc("expected time (ECET) of the contour filter's arc search; source 2: 30 ms")
+]
+Ninety = Annotated[
+    int,
+    Interval(ge=15, le=100),
+    MultipleOf(5),
+    Unit("ms"),
+    Doc("90 % of the contour filter's run times are below this; source 2: 50 ms"),
+]
 
 
 @lru_cache
@@ -45,14 +53,18 @@ class PhaseWindows(Experiment):
     """
 
     period: Annotated[int, Interval(ge=60, le=200), Unit("ms"), Doc("period of the chain")] = 100
-    reserve: Annotated[int, Interval(ge=0, le=10), Unit("ms"), Doc("kept at the end of the period for clock correction (Deadline_C)")] = 2
+    reserve: Annotated[
+        int, Interval(ge=0, le=10), Unit("ms"), Doc("kept at the end of the period for clock correction (Deadline_C)")
+    ] = 2
     arcs_ecet: ArcsEcet = 30
     comm_ecet: Annotated[int, Interval(ge=5, le=60), Unit("ms"), Doc("expected time of the communication; source 2: 35 ms")] = 35
 
     def chain(self) -> list[Part]:
         """The chain of table 5 with these expected times."""
-        return [Part(p.phase, p.part, self.comm_ecet * MS, p.wcet_ep_ns) if p.phase == "LMSCommunication" else p
-                for p in laser_chain(self.arcs_ecet * MS)]
+        return [
+            Part(p.phase, p.part, self.comm_ecet * MS, p.wcet_ep_ns) if p.phase == "LMSCommunication" else p
+            for p in laser_chain(self.arcs_ecet * MS)
+        ]
 
     def run(self) -> list[Window] | str:
         """The windows, or the sentence that says what is missing."""
@@ -76,10 +88,19 @@ class PhaseWindows(Experiment):
         return [
             Metric("demand of all phases", demand / MS, "ms"),
             Metric("spare" if fits else "missing", abs(spare) / MS, "ms", good=fits, note="" if fits else str(result)),
-            Metric("window per expected time", (self.period - self.reserve) * MS / demand if fits else None, "",
-                   note="every window is this much longer than what it must hold"),
-            Metric("window of the communication", communication, "ns", published=printed if same else None,
-                   note="two digits of the printed value are swapped: 36 554 792 for 36 554 729" if same else ""),
+            Metric(
+                "window per expected time",
+                (self.period - self.reserve) * MS / demand if fits else None,
+                "",
+                note="every window is this much longer than what it must hold",
+            ),
+            Metric(
+                "window of the communication",
+                communication,
+                "ns",
+                published=printed if same else None,
+                note="two digits of the printed value are swapped: 36 554 792 for 36 554 729" if same else "",
+            ),
         ]
 
 
@@ -111,8 +132,10 @@ class SixDesigns(Experiment):
     phases keep their order. All designs get the same random run times over 60 periods; each verdict is read from the trace.
     """
 
-    design: Annotated[Literal["edf thread", "taft thread", "taft thread, wcet", "taft phases", "taft releases", "taft windows"],
-                      Doc("the design drawn on the right")] = "taft releases"
+    design: Annotated[
+        Literal["edf thread", "taft thread", "taft thread, wcet", "taft phases", "taft releases", "taft windows"],
+        Doc("the design drawn on the right"),
+    ] = "taft releases"
     period_shown: Annotated[int, Interval(ge=0, le=PERIODS - 1), Doc("first of the two periods drawn")] = 8
     period: Annotated[int, Interval(ge=90, le=250), MultipleOf(5), Unit("ms"), Doc("period of the chain")] = 100
     arcs_ecet: ArcsEcet = 30
@@ -127,15 +150,29 @@ class SixDesigns(Experiment):
         first = [[g.period for g in r.guarantees] if isinstance(r, DesignRun) else [None] * 4 for r in result.runs.values()]
         run = result.runs[self.design]
         fallback = next(r for r in result.runs.values() if isinstance(r, DesignRun))
-        made = windows(result.chain, self.period * MS, 2 * MS if self.design == "taft windows" else 0) if (
-            isinstance(run, DesignRun) and self.design in DESIGNS[4:]) else []
+        made = (
+            windows(result.chain, self.period * MS, 2 * MS if self.design == "taft windows" else 0)
+            if (isinstance(run, DesignRun) and self.design in DESIGNS[4:])
+            else []
+        )
         parts = [p.name for p in result.chain]
         trace = run.trace if isinstance(run, DesignRun) else fallback.trace.window(0, 0)
         first_shown = min(self.period_shown, PERIODS - SHOWN)
         gantt = periods_gantt(trace, parts, self.period * MS, first_shown, SHOWN, made, {p.name: p.phase for p in result.chain})
         text = f"Periods {first_shown} and {first_shown + 1}" if isinstance(run, DesignRun) else "No plan"
-        gantt["layout"]["annotations"] = [{"text": f"<b>{text}</b>", "xref": "paper", "yref": "paper", "x": 0.46, "y": 1, "yshift": 36, "xanchor": "left",
-                                           "showarrow": False, "font": {"size": 17}}]
+        gantt["layout"]["annotations"] = [
+            {
+                "text": f"<b>{text}</b>",
+                "xref": "paper",
+                "yref": "paper",
+                "x": 0.46,
+                "y": 1,
+                "yshift": 36,
+                "xanchor": "left",
+                "showarrow": False,
+                "font": {"size": 17},
+            }
+        ]
         return verdict_grid(DESIGNS, self.design, kept, first, gantt)
 
     def metrics(self, result: Designs) -> list[Metric]:
@@ -144,13 +181,22 @@ class SixDesigns(Experiment):
             return [Metric("plan", "none", good=False, note=run)]
         words = ("G1 periodic", "G2 in time", "G3 complete", "G4 in order")
         cards = [Metric("plan accepted", run.verdict.accepted, good=run.verdict.accepted, note=run.verdict.why)]
-        cards += [Metric(word, "kept" if g.kept else f"broken in {g.period}", good=g.kept, note=g.why) for word, g in zip(words, run.guarantees, strict=True)]
+        cards += [
+            Metric(word, "kept" if g.kept else f"broken in {g.period}", good=g.kept, note=g.why)
+            for word, g in zip(words, run.guarantees, strict=True)
+        ]
         return [*cards, Metric("aborts", len(run.trace.rows("abort")), "", note=f"in {PERIODS} periods")]
 
 
 @lru_cache(maxsize=8)
 def _timeliness(arcs_ecet: int, ninety: int, reprocess: bool, seed: int) -> Experiment1:
-    return experiment_1(contour=contour_times(ninety), reprocess=reprocess, seed=seed, arcs_ecet_ns=arcs_ecet * MS, period_ns=max(100, 70 + arcs_ecet) * MS)
+    return experiment_1(
+        contour=contour_times(ninety),
+        reprocess=reprocess,
+        seed=seed,
+        arcs_ecet_ns=arcs_ecet * MS,
+        period_ns=max(100, 70 + arcs_ecet) * MS,
+    )
 
 
 class Timeliness(Experiment):
@@ -162,7 +208,9 @@ class Timeliness(Experiment):
 
     arcs_ecet: ArcsEcet = 30
     p90_run_time: Ninety = 50
-    scan_again: Annotated[bool, Doc("in a period without a new scan the filter works on the old one again (the source does not say)")] = True
+    scan_again: Annotated[
+        bool, Doc("in a period without a new scan the filter works on the old one again (the source does not say)")
+    ] = True
     seed: Annotated[int, Interval(ge=1, le=20), Doc("another draw of run times: another station, another day")] = 1
 
     def run(self) -> Experiment1:
@@ -180,8 +228,13 @@ class Timeliness(Experiment):
         needed = result.load[:, 1:3].sum() / MS
         given = result.times.main[:, 1:3].sum() / MS
         return [
-            Metric("contour filter aborted", result.aborted_periods, "periods", published=121,
-                   note="station 1 of the source: 121 of 400, station 2: 123; the count depends on what the source does not say"),
+            Metric(
+                "contour filter aborted",
+                result.aborted_periods,
+                "periods",
+                published=121,
+                note="station 1 of the source: 121 of 400, station 2: 123; the count depends on what the source does not say",
+            ),
             Metric("deadlines missed", result.missed, "", published=0, good=result.missed == 0),
             Metric("aborts of other phases", result.other_aborts, "", good=result.other_aborts == 0),
             Metric("contour time granted", 100 * given / needed, "% of needed"),
@@ -191,8 +244,10 @@ class Timeliness(Experiment):
 
 # Exercises: each asks the model
 
+
 def check_period(period_ms: int) -> Verdict:
     """Exercise 1: the shortest whole period for the chain of table 5 with 2 ms for the clock."""
+
     def fits(ms: int) -> bool:
         return not isinstance(PhaseWindows(period=ms).run(), str)
 
@@ -205,13 +260,16 @@ def check_period(period_ms: int) -> Verdict:
 
 def check_few_aborts(answer: Timeliness | None) -> Verdict:
     """Exercise 2: at most 20 aborted periods at the source's run times in a period of 100 ms; None says that there is no such answer."""
+
     def aborted(ecet: int) -> int:
         return Timeliness(arcs_ecet=ecet).run().aborted_periods
 
     longest = max(ms for ms in range(5, 61) if not isinstance(PhaseWindows(arcs_ecet=ms).run(), str))
     if answer is None:
         least = min(aborted(ms) for ms in range(longest - 3, longest + 1))
-        return Verdict(least > 20, f"the longest expected time that fits is {longest} ms, and the fewest aborted periods are {least}.")
+        return Verdict(
+            least > 20, f"the longest expected time that fits is {longest} ms, and the fewest aborted periods are {least}."
+        )
     if answer != Timeliness(arcs_ecet=answer.arcs_ecet):
         return Verdict(False, "change arcs_ecet only.")
     if answer.arcs_ecet > longest:
@@ -233,5 +291,8 @@ def check_chain(chain: list[Part], period_ms: int, seed: int = 1) -> Verdict:
     broken = [g.why for g in run.guarantees if not g.kept]
     share = (times.aborted >= 0).mean()
     use = 100 * (times.main.sum() + times.exception.sum()) / run.trace.end
-    return Verdict(not broken and len(phases_of(chain)) >= 3, f"{len(phases_of(chain))} phases, {100 * share:.0f} % of all main parts aborted, processor "
-                   f"used to {use:.0f} %, " + (f"broken: {broken[0]}." if broken else "all four guarantees kept."))
+    return Verdict(
+        not broken and len(phases_of(chain)) >= 3,
+        f"{len(phases_of(chain))} phases, {100 * share:.0f} % of all main parts aborted, processor "
+        f"used to {use:.0f} %, " + (f"broken: {broken[0]}." if broken else "all four guarantees kept."),
+    )

@@ -18,11 +18,12 @@ release to release it runs the top of the heap. All else is done on whole column
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from heapq import heappop, heappush
 
 import numpy as np
 
+from labkit.scheduler.dispatch import dispatch
 from labkit.scheduler.jobs import MP, Jobs, Outcome, release_jobs, trace_of
+from labkit.scheduler.taft import schedule_pairs
 from labkit.scheduler.tasksets import PeriodicTask, TaskPair, check_names
 from labkit.trace.trace import Trace
 
@@ -67,8 +68,6 @@ def simulate(
         raise ValueError(f"task {shaky.name!r} has a release jitter of {shaky.jitter}; the simulation releases without jitter")
     jobs = release_jobs(tasks, until, times or {})
     if policy == "taft":
-        from labkit.scheduler.taft import schedule_pairs
-
         return schedule_pairs(tasks, jobs, until, hz)
     place = priority_places(tasks, policy)
     jobs = jobs.ordered(np.lexsort((jobs.number, jobs.task, jobs.deadline if policy == "edf" else place[jobs.task])))
@@ -95,35 +94,3 @@ def _run(jobs: Jobs, until: int) -> Outcome:
     late = (jobs.deadline <= until) & ((completed < 0) | (completed > jobs.deadline))
     never = np.full(len(jobs), -1)
     return Outcome(who, np.full(len(who), MP), start, end, completed, never, never, np.where(late, jobs.deadline, -1))
-
-
-def dispatch(arrivals: list[int], ranks: list[int], left: list[int], until: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Run work on one preemptive processor, lowest rank first, never idle while there is some.
-
-    Args:
-        arrivals: times at which work arrives, never falling, none at or after `until`.
-        ranks: what arrives then.
-        left: rank -> work left; counted down in place, so that it is 0 afterwards for all that was completed.
-
-    Returns:
-        (rank, start, end) of each slice in order of time, int64; slices end wherever something arrives.
-    """
-    who: list[int] = []
-    starts: list[int] = []
-    ends: list[int] = []
-    ready: list[int] = []
-    for arrived, now, upcoming in zip(ranks, arrivals, [*arrivals[1:], until]):
-        heappush(ready, arrived)
-        while ready and now < upcoming:
-            rank = ready[0]
-            who.append(rank)
-            starts.append(now)
-            now += left[rank]
-            if now <= upcoming:
-                heappop(ready)
-                left[rank] = 0
-            else:
-                left[rank] = now - upcoming
-                now = upcoming
-            ends.append(now)
-    return np.array(who, dtype=np.int64), np.array(starts, dtype=np.int64), np.array(ends, dtype=np.int64)

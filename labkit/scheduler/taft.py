@@ -38,8 +38,8 @@ from heapq import heapify, heappop, heappush
 import numpy as np
 
 from labkit.scheduler.analysis.taft import latest_slots
+from labkit.scheduler.dispatch import dispatch
 from labkit.scheduler.jobs import BEYOND, EP, EXCEPTION, Jobs, Outcome, release_jobs, trace_of
-from labkit.scheduler.periodic import dispatch
 from labkit.scheduler.tasksets import TaskPair
 from labkit.trace.trace import Trace
 

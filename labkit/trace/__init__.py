@@ -7,6 +7,15 @@ from labkit.trace.statistics import describe, statistics
 from labkit.trace.trace import Trace
 
 __all__ = [
-    "LogError", "Problem", "Report", "Trace",
-    "describe", "export_chrome", "export_csv", "read_csv", "read_log", "spans", "statistics",
-]  # fmt: skip
+    "LogError",
+    "Problem",
+    "Report",
+    "Trace",
+    "describe",
+    "export_chrome",
+    "export_csv",
+    "read_csv",
+    "read_log",
+    "spans",
+    "statistics",
+]

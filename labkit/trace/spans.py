@@ -50,7 +50,7 @@ def pair(name: np.ndarray, begin: np.ndarray) -> Pairs:
     sorted_name, opens = name[order], begin[order].astype(bool)
     change = sorted_name[1:] != sorted_name[:-1]
     first = np.concatenate([[True], change])[: len(order)]
-    last = np.concatenate([change, [True]])[-len(order):] if len(order) else first
+    last = np.concatenate([change, [True]])[-len(order) :] if len(order) else first
     ended = np.zeros(len(order), bool)  # a begin directly followed by an end of its own name
     ended[:-1] = opens[:-1] & ~opens[1:] & ~change
     closing = np.zeros(len(order), bool)
@@ -113,7 +113,7 @@ def nest(name: np.ndarray, opened: np.ndarray, closed: np.ndarray, begin: np.nda
             asleep = {name: [c for c in inner if c != s] for name, inner in asleep.items()}
         else:
             at = stack.index(s)
-            inside = stack[at + 1:]
+            inside = stack[at + 1 :]
             stack[at:] = [c for c in inside if close[c] < again[s]]
             if sleeping := [c for c in inside if close[c] > again[s]]:
                 asleep[names[s]] = sleeping
@@ -150,9 +150,16 @@ def _span_table(trace: Trace) -> dict[str, np.ndarray]:
     name, opened, closed, begin, end, complete = (np.concatenate(parts) for parts in zip(*kinds))
     nesting = nest(name, opened, closed, begin, end)
     return {
-        "name": name, "start": begin, "end": end, "duration": end - begin, "self": nesting.self, "depth": nesting.depth,
-        "complete": complete, "opened": opened, "run": np.arange(len(name)) < len(runs[0]),
-    }  # fmt: skip
+        "name": name,
+        "start": begin,
+        "end": end,
+        "duration": end - begin,
+        "self": nesting.self,
+        "depth": nesting.depth,
+        "complete": complete,
+        "opened": opened,
+        "run": np.arange(len(name)) < len(runs[0]),
+    }
 
 
 def _paired(trace: Trace) -> tuple[np.ndarray, ...]:
@@ -178,7 +185,7 @@ def _overheads(trace: Trace) -> tuple[np.ndarray, ...]:
     begin = trace.time[rows]
     end = np.minimum(begin + trace.value[rows], trace.end)
     closed = 2 * np.maximum(np.searchsorted(trace.time, end), rows + 1)
-    return np.full(len(rows), len(trace.names)), 2 * rows + 1, closed, begin, end, begin + trace.value[rows] <= trace.end
+    return (np.full(len(rows), len(trace.names)), 2 * rows + 1, closed, begin, end, begin + trace.value[rows] <= trace.end)
 
 
 def _runs(trace: Trace) -> tuple[np.ndarray, ...]:

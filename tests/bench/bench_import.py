@@ -8,4 +8,6 @@ import pytest
 
 @pytest.mark.parametrize("module", ["numpy", "labkit", "labkit.scheduler", "labkit.experiments.priority_inversion"])
 def test_import(benchmark, module):
-    benchmark.pedantic(subprocess.run, args=([sys.executable, "-c", f"import {module}"],), kwargs={"check": True}, rounds=5, warmup_rounds=1)
+    benchmark.pedantic(
+        subprocess.run, args=([sys.executable, "-c", f"import {module}"],), kwargs={"check": True}, rounds=5, warmup_rounds=1
+    )

@@ -2,7 +2,7 @@
 
 import pytest
 
-from labkit.scheduler import Kernel
+from labkit.kernel import Kernel
 
 JOBS = 20_000
 

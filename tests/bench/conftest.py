@@ -34,6 +34,7 @@ def best_rate(work: Callable[..., int], *arguments, repeats: int = 5) -> float:
 @pytest.fixture
 def compare(benchmark) -> Callable[..., None]:
     """`compare({name: (work, *arguments)})` notes units per CPU second of each, and the ratio to raw SimPy timeouts."""
+
     def run(cases: dict[str, tuple]) -> None:
         simpy_rate = best_rate(timeouts, 50_000)
         benchmark.extra_info["raw SimPy timeouts per CPU second"] = round(simpy_rate)

@@ -129,8 +129,17 @@ def test_a_violation_says_who_read_what_and_why():
     assert str(found) == f"DMA read 4 stale bytes at 0x20020104 (record 1), {cause}: {CAUSES[cause]}"
 
 
-@given(st.lists(st.tuples(st.sampled_from(["transmit", "receive", "touch", "speculate", "evict"]), st.integers(0, 3),
-                          st.binary(min_size=1, max_size=64)), max_size=25), st.sampled_from(sorted(POLICIES)))
+@given(
+    st.lists(
+        st.tuples(
+            st.sampled_from(["transmit", "receive", "touch", "speculate", "evict"]),
+            st.integers(0, 3),
+            st.binary(min_size=1, max_size=64),
+        ),
+        max_size=25,
+    ),
+    st.sampled_from(sorted(POLICIES)),
+)
 @settings(max_examples=60, deadline=None)
 def test_correct_drivers_on_whole_lines_never_fail_whatever_speculation_and_eviction_do(steps, policy):
     cache, dma = bench(policy=policy)

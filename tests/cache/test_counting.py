@@ -13,8 +13,11 @@ from labkit.cache.memory import Attribute
 from labkit.cache.policies import POLICIES, draws
 
 ORACLE = Path(__file__).parents[1] / "oracle" / "cachegrind"
-COUNTED = {(program, geometry): counted for program in ("mm", "unaligned")
-           for geometry, counted in json.loads((ORACLE / f"{program}.json").read_text())["counts"].items()}
+COUNTED = {
+    (program, geometry): counted
+    for program in ("mm", "unaligned")
+    for geometry, counted in json.loads((ORACLE / f"{program}.json").read_text())["counts"].items()
+}
 
 
 @pytest.mark.parametrize(("program", "geometry"), COUNTED)
@@ -23,13 +26,14 @@ def test_misses_are_those_of_cachegrind(program, geometry):
     found = count_trace(ORACLE / f"{program}_data.npz", size, ways, line)
     counted = COUNTED[program, geometry]
     assert [found[name] for name in ("reads", "read_misses", "writes", "write_misses")] == [
-        counted[name] for name in ("Dr", "D1mr", "Dw", "D1mw")]
+        counted[name] for name in ("Dr", "D1mr", "Dw", "D1mw")
+    ]
 
 
 def test_records_of_a_piece_of_mm_count_as_the_columns_do():
     whole = read_trace(ORACLE / "mm_data.npz")
     start = len(whole) // 2
-    piece = References(*(column[start:start + 20_000] for column in (whole.op, whole.address, whole.size)))
+    piece = References(*(column[start : start + 20_000] for column in (whole.op, whole.address, whole.size)))
     geometry = Geometry(4096, 4, 32)
     assert counts(replay(piece, Cache(Memory.flat(1 << 23), geometry))) == count(piece, geometry)
 
@@ -65,8 +69,15 @@ policies = st.sampled_from(sorted(POLICIES))
 def test_columns_and_records_count_the_same(trace, geometry, policy, write_policy, write_allocate, dynamic, seed):
     attribute = Attribute("as drawn", True, write_policy == "write-back", write_allocate)
     cache = Cache(Memory.flat(2048, attribute), geometry, policy, seed=seed, dynamic_read_allocate=dynamic)
-    assert count(trace, geometry, policy, write_policy=write_policy, write_allocate=write_allocate, dynamic_read_allocate=dynamic,
-                 seed=seed) == counts(replay(trace, cache))
+    assert count(
+        trace,
+        geometry,
+        policy,
+        write_policy=write_policy,
+        write_allocate=write_allocate,
+        dynamic_read_allocate=dynamic,
+        seed=seed,
+    ) == counts(replay(trace, cache))
 
 
 class Tree:
@@ -111,8 +122,13 @@ def brute_force_misses(lines, sets, ways, policy, seed):
     return misses
 
 
-@given(st.lists(st.integers(0, 40), max_size=200), st.sampled_from([1, 2, 4]), st.sampled_from([1, 2, 4, 8, 16]), policies,
-       st.integers(0, 5))
+@given(
+    st.lists(st.integers(0, 40), max_size=200),
+    st.sampled_from([1, 2, 4]),
+    st.sampled_from([1, 2, 4, 8, 16]),
+    policies,
+    st.integers(0, 5),
+)
 @settings(max_examples=250, deadline=None)
 def test_every_policy_misses_where_brute_force_misses(lines, sets, ways, policy, seed):
     expected = brute_force_misses(lines, sets, ways, policy, seed)
@@ -155,18 +171,21 @@ def test_three_classes_add_up_and_conflict_may_be_negative():
     assert classes.total == misses
 
 
-@pytest.mark.parametrize(("change", "says"), [
-    ({"size": 3000}, "size is 3000 bytes; it must be a power of two"),
-    ({"size": 0}, "size is 0 bytes; it must be a power of two"),
-    ({"line": 24}, "line is 24 bytes; it must be a power of two"),
-    ({"line": 2}, "line is 2 bytes; a line holds at least one word of 4 bytes"),
-    ({"ways": 0}, "ways is 0; a cache has at least 1 way"),
-    ({"ways": -4}, "ways is -4; a cache has at least 1 way"),
-    ({"ways": 3}, "3 ways of 32-byte lines do not divide a cache of 16384 bytes"),
-    ({"ways": 1024}, "1024 ways of 32-byte lines do not divide a cache of 16384 bytes"),
-    ({"policy": "mru"}, "no replacement policy 'mru'; there are lru, plru, fifo, random"),
-    ({"write_policy": "write-around"}, "no write policy 'write-around'; there are write-back, write-through"),
-])
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"size": 3000}, "size is 3000 bytes; it must be a power of two"),
+        ({"size": 0}, "size is 0 bytes; it must be a power of two"),
+        ({"line": 24}, "line is 24 bytes; it must be a power of two"),
+        ({"line": 2}, "line is 2 bytes; a line holds at least one word of 4 bytes"),
+        ({"ways": 0}, "ways is 0; a cache has at least 1 way"),
+        ({"ways": -4}, "ways is -4; a cache has at least 1 way"),
+        ({"ways": 3}, "3 ways of 32-byte lines do not divide a cache of 16384 bytes"),
+        ({"ways": 1024}, "1024 ways of 32-byte lines do not divide a cache of 16384 bytes"),
+        ({"policy": "mru"}, "no replacement policy 'mru'; there are lru, plru, fifo, random"),
+        ({"write_policy": "write-around"}, "no write policy 'write-around'; there are write-back, write-through"),
+    ],
+)
 def test_a_cache_that_cannot_be_is_refused_in_one_sentence(change, says):
     with pytest.raises(ValueError) as error:
         count_trace(ORACLE / "mm_data.npz", **change)

@@ -127,34 +127,40 @@ def test_shareable_memory_is_not_cached_unless_siwt():
     assert cache.write(SRAM, b"1234")[0].to_memory
 
 
-@pytest.mark.parametrize(("do", "says"), [
-    (lambda c: c.read(0x2008_0000, 4), "address 0x20080000 lies outside the memory map"),
-    (lambda c: c.read(0x2007_FFFE, 4), "address 0x20080000 lies outside the memory map"),
-    (lambda c: c.read(-4, 4), "address -0x4 lies outside the memory map"),
-    (lambda c: c.read(SRAM, 0), "access of 0 bytes at 0x20020000; at least 1 byte is needed"),
-    (lambda c: c.read(SRAM, 1 << 40), "lies outside the memory map"),
-    (lambda c: c.write(SRAM, b""), "access of 0 bytes at 0x20020000; at least 1 byte is needed"),
-    (lambda c: c.write(0x0800_0000, b"x"), "store to 0x8000000 in FLASH-AXIM; flash is programmed by its controller"),
-    (lambda c: c.read(0x4000_0002, 4), "access of 4 bytes at 0x40000002; device memory takes aligned accesses"),
-    (lambda c: c.read(0x4000_0000, 3), "access of 3 bytes at 0x40000000; device memory takes aligned accesses"),
-    (lambda c: c.speculate(0x3000_0000), "address 0x30000000 lies outside the memory map"),
-    (lambda c: c.clean(SRAM), "clean with address 537001984 and size None; give both"),
-    (lambda c: c.invalidate(SRAM, -1), "invalidate with address 537001984 and size -1; give both, not below 0"),
-    (lambda c: Dma(c.memory).read(0x0000_0000, 4), "DMA access to 0x0 in ITCM-RAM; only the CPU reaches that memory"),
-    (lambda c: Dma(c.memory).write(0x0800_0000, b"x"), "store to 0x8000000 in FLASH-AXIM"),
-    (lambda c: Dma(c.memory, width=4).read(SRAM + 2, 4), "address and size must be multiples of its width, 4 bytes"),
-    (lambda c: Dma(c.memory, width=3), "DMA width is 3 bytes; allowed are 1, 2 and 4"),
-    (lambda c: MpuRegion(8, 0, 32, 0, 0, 0), "MPU region number 8; the STM32F767 has regions 0 to 7"),
-    (lambda c: MpuRegion(0, 0, 48, 0, 0, 0), "MPU region 0 has 48 bytes; the size must be a power of two, 32 or more"),
-    (lambda c: MpuRegion(0, 0x2002_0020, 64, 0, 0, 0), "0 starts at 0x20020020; it must be aligned to its size of 64 bytes"),
-    (lambda c: MpuRegion(0, 0, 32, 1, 0, 1), "MPU region 0 has TEX 1, C 0, B 1; allowed are"),
-    (lambda c: stm32f767([MpuRegion(1, 0, 32, 0, 0, 0)] * 2), "MPU regions are numbered [1, 1]; each number may be used once"),
-    (lambda c: Memory([Region("a", 0, 64, WRITE_BACK), Region("b", 32, 64, WRITE_BACK)]), "regions a and b overlap at 0x20"),
-    (lambda c: Region("a", 8, 64, WRITE_BACK), "region a at 0x8 with 64 bytes; start and size must be multiples of 32"),
-    (lambda c: Cache(Memory.flat(96), Geometry(256, 2, 64)), "region memory is no whole number of 64-byte lines"),
-    (lambda c: Cache(c.memory, policy="mru"), "no replacement policy 'mru'; there are lru, plru, fifo, random"),
-    (lambda c: Cache(Memory.flat(1 << 12), Geometry(256, 2, 64)).memory.flat(0), "region memory at 0x0 with 0 bytes"),
-])
+@pytest.mark.parametrize(
+    ("do", "says"),
+    [
+        (lambda c: c.read(0x2008_0000, 4), "address 0x20080000 lies outside the memory map"),
+        (lambda c: c.read(0x2007_FFFE, 4), "address 0x20080000 lies outside the memory map"),
+        (lambda c: c.read(-4, 4), "address -0x4 lies outside the memory map"),
+        (lambda c: c.read(SRAM, 0), "access of 0 bytes at 0x20020000; at least 1 byte is needed"),
+        (lambda c: c.read(SRAM, 1 << 40), "lies outside the memory map"),
+        (lambda c: c.write(SRAM, b""), "access of 0 bytes at 0x20020000; at least 1 byte is needed"),
+        (lambda c: c.write(0x0800_0000, b"x"), "store to 0x8000000 in FLASH-AXIM; flash is programmed by its controller"),
+        (lambda c: c.read(0x4000_0002, 4), "access of 4 bytes at 0x40000002; device memory takes aligned accesses"),
+        (lambda c: c.read(0x4000_0000, 3), "access of 3 bytes at 0x40000000; device memory takes aligned accesses"),
+        (lambda c: c.speculate(0x3000_0000), "address 0x30000000 lies outside the memory map"),
+        (lambda c: c.clean(SRAM), "clean with address 537001984 and size None; give both"),
+        (lambda c: c.invalidate(SRAM, -1), "invalidate with address 537001984 and size -1; give both, not below 0"),
+        (lambda c: Dma(c.memory).read(0x0000_0000, 4), "DMA access to 0x0 in ITCM-RAM; only the CPU reaches that memory"),
+        (lambda c: Dma(c.memory).write(0x0800_0000, b"x"), "store to 0x8000000 in FLASH-AXIM"),
+        (lambda c: Dma(c.memory, width=4).read(SRAM + 2, 4), "address and size must be multiples of its width, 4 bytes"),
+        (lambda c: Dma(c.memory, width=3), "DMA width is 3 bytes; allowed are 1, 2 and 4"),
+        (lambda c: MpuRegion(8, 0, 32, 0, 0, 0), "MPU region number 8; the STM32F767 has regions 0 to 7"),
+        (lambda c: MpuRegion(0, 0, 48, 0, 0, 0), "MPU region 0 has 48 bytes; the size must be a power of two, 32 or more"),
+        (lambda c: MpuRegion(0, 0x2002_0020, 64, 0, 0, 0), "0 starts at 0x20020020; it must be aligned to its size of 64 bytes"),
+        (lambda c: MpuRegion(0, 0, 32, 1, 0, 1), "MPU region 0 has TEX 1, C 0, B 1; allowed are"),
+        (
+            lambda c: stm32f767([MpuRegion(1, 0, 32, 0, 0, 0)] * 2),
+            "MPU regions are numbered [1, 1]; each number may be used once",
+        ),
+        (lambda c: Memory([Region("a", 0, 64, WRITE_BACK), Region("b", 32, 64, WRITE_BACK)]), "regions a and b overlap at 0x20"),
+        (lambda c: Region("a", 8, 64, WRITE_BACK), "region a at 0x8 with 64 bytes; start and size must be multiples of 32"),
+        (lambda c: Cache(Memory.flat(96), Geometry(256, 2, 64)), "region memory is no whole number of 64-byte lines"),
+        (lambda c: Cache(c.memory, policy="mru"), "no replacement policy 'mru'; there are lru, plru, fifo, random"),
+        (lambda c: Cache(Memory.flat(1 << 12), Geometry(256, 2, 64)).memory.flat(0), "region memory at 0x0 with 0 bytes"),
+    ],
+)
 def test_bad_input_gets_one_clear_sentence(cache, do, says):
     with pytest.raises(ValueError) as error:
         do(cache)

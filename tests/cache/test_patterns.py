@@ -63,26 +63,31 @@ def test_own_pattern():
     assert rows(patterns.parse(text)) == [(2, 256, 4), *inner, *inner]
 
 
-@pytest.mark.parametrize(("text", "says"), [
-    ("read 0x10\nraed 0x20", "line 2: 'raed' is no command; there are write, read, modify, repeat, end"),
-    ("read", "line 1: read needs an address, as in 'read 0x20020000'"),
-    ("read ox20", "line 1: address is 'ox20'; it must be a whole number such as 64 or 0x40"),
-    ("read 0x20 tines 3", "line 1: 'tines' is no option of read; there are size, times, step"),
-    ("read 0x20 times", "line 1: times needs a number after it"),
-    ("read 0x20 times many", "line 1: times is 'many'; it must be a whole number such as 64 or 0x40"),
-    ("read 0x20 times 0", "line 1: times is 0; it must be at least 1 and below 2**32"),
-    ("read 0x20 size -4", "line 1: size is -4; it must be at least 1 and below 2**32"),
-    ("read -4", "line 1: address is -4; it must be at least 0 and below 2**32"),
-    ("read 4 times 3 step -4", "line 1: 3 times step -4 from 0x4 with size 4; "
-                               "addresses must stay within 32 bits and a size within 65536 bytes"),
-    ("repeat\nend", "line 1: repeat needs one number, as in 'repeat 3'"),
-    ("repeat 2\nread 0", "line 1: repeat without an end"),
-    ("read 0\nend", "line 2: end without a repeat before it"),
-    ("repeat 2\nread 0\nend 2", "line 3: '2' after end; end stands alone"),
-    ("read 0 times 3000000", "line 1: 3000000 references; a pattern may have 2000000 at most"),
-    ("repeat 4000000000\nread 0\nend", "line 3: 4000000000 references; a pattern may have 2000000 at most"),
-    ("# nothing", "the pattern has no references; write for example 'read 0x20020000 times 64 step 4'"),
-])
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("read 0x10\nraed 0x20", "line 2: 'raed' is no command; there are write, read, modify, repeat, end"),
+        ("read", "line 1: read needs an address, as in 'read 0x20020000'"),
+        ("read ox20", "line 1: address is 'ox20'; it must be a whole number such as 64 or 0x40"),
+        ("read 0x20 tines 3", "line 1: 'tines' is no option of read; there are size, times, step"),
+        ("read 0x20 times", "line 1: times needs a number after it"),
+        ("read 0x20 times many", "line 1: times is 'many'; it must be a whole number such as 64 or 0x40"),
+        ("read 0x20 times 0", "line 1: times is 0; it must be at least 1 and below 2**32"),
+        ("read 0x20 size -4", "line 1: size is -4; it must be at least 1 and below 2**32"),
+        ("read -4", "line 1: address is -4; it must be at least 0 and below 2**32"),
+        (
+            "read 4 times 3 step -4",
+            "line 1: 3 times step -4 from 0x4 with size 4; addresses must stay within 32 bits and a size within 65536 bytes",
+        ),
+        ("repeat\nend", "line 1: repeat needs one number, as in 'repeat 3'"),
+        ("repeat 2\nread 0", "line 1: repeat without an end"),
+        ("read 0\nend", "line 2: end without a repeat before it"),
+        ("repeat 2\nread 0\nend 2", "line 3: '2' after end; end stands alone"),
+        ("read 0 times 3000000", "line 1: 3000000 references; a pattern may have 2000000 at most"),
+        ("repeat 4000000000\nread 0\nend", "line 3: 4000000000 references; a pattern may have 2000000 at most"),
+        ("# nothing", "the pattern has no references; write for example 'read 0x20020000 times 64 step 4'"),
+    ],
+)
 def test_a_typo_in_a_pattern_is_named_with_its_line(text, says):
     with pytest.raises(ValueError) as error:
         patterns.parse(text)
@@ -102,17 +107,20 @@ def test_any_text_is_a_pattern_or_one_sentence(text):
         assert "\n" not in str(error)
 
 
-@pytest.mark.parametrize(("call", "says"), [
-    (lambda: patterns.sequential(0), "count is 0; it must be at least 1"),
-    (lambda: patterns.strided(4, 0), "stride is 0; it must be at least 1"),
-    (lambda: patterns.strided(4, 4, op="raed"), "no operation 'raed'; there are write, read, modify"),
-    (lambda: patterns.random(4, 2), "span is 2 bytes; at least one element of 4 bytes must fit"),
-    (lambda: patterns.sequential(1 << 40), "1099511627776 references; a pattern may have 2000000 at most"),
-    (lambda: patterns.matrix_product(4, order="iij"), "no loop order 'iij'; there are ijk, ikj, jik, jki, kij, kji"),
-    (lambda: patterns.matrix_product(4, tile=3), "tile is 3; it must be at least 1 and divide n, which is 4"),
-    (lambda: patterns.matrix_product(4, order="ikj", accumulate=True), "order ikj with accumulate; a sum in a register"),
-    (lambda: patterns.matrix_product(1000), "4000000000 references; a pattern may have 2000000 at most"),
-])
+@pytest.mark.parametrize(
+    ("call", "says"),
+    [
+        (lambda: patterns.sequential(0), "count is 0; it must be at least 1"),
+        (lambda: patterns.strided(4, 0), "stride is 0; it must be at least 1"),
+        (lambda: patterns.strided(4, 4, op="raed"), "no operation 'raed'; there are write, read, modify"),
+        (lambda: patterns.random(4, 2), "span is 2 bytes; at least one element of 4 bytes must fit"),
+        (lambda: patterns.sequential(1 << 40), "1099511627776 references; a pattern may have 2000000 at most"),
+        (lambda: patterns.matrix_product(4, order="iij"), "no loop order 'iij'; there are ijk, ikj, jik, jki, kij, kji"),
+        (lambda: patterns.matrix_product(4, tile=3), "tile is 3; it must be at least 1 and divide n, which is 4"),
+        (lambda: patterns.matrix_product(4, order="ikj", accumulate=True), "order ikj with accumulate; a sum in a register"),
+        (lambda: patterns.matrix_product(1000), "4000000000 references; a pattern may have 2000000 at most"),
+    ],
+)
 def test_a_pattern_that_cannot_be_is_refused(call, says):
     with pytest.raises(ValueError) as error:
         call()
@@ -129,18 +137,24 @@ def test_a_good_file_is_read(tmp_path):
     assert set(count_trace(tmp_path / "empty.npz").values()) == {0}
 
 
-@pytest.mark.parametrize(("change", "says"), [
-    ({"addr": None}, "has the arrays op, size; a trace has op, addr and size"),
-    ({"extra": GOOD["op"]}, "has the arrays addr, extra, op, size; a trace has op, addr and size"),
-    ({"op": GOOD["op"].astype(int)}, "array op is 1-dimensional int64; it must be 1-dimensional uint8"),
-    ({"addr": GOOD["addr"].astype(float)}, "array addr is 1-dimensional float64; it must be 1-dimensional uint64"),
-    ({"size": GOOD["size"].reshape(1, 2)}, "array size is 2-dimensional uint8; it must be 1-dimensional uint8"),
-    ({"size": np.array([4], np.uint8)}, "array size has 1 entries and op 2; they must agree"),
-    ({"op": np.array([1, 7], np.uint8)}, "op of reference 1 is 7; allowed is 1 store, 2 load or 3 modify"),
-    ({"size": np.array([0, 4], np.uint8)}, "size of reference 0 is 0; allowed is at least 1 byte"),
-    ({"addr": np.array([64, 2**64 - 1], np.uint64)}, "addr of reference 1 is 18446744073709551615; allowed is below 2**63 - 256"),
-    ({"op": np.array([1, None], object)}, "cannot be read as an .npz file of plain arrays"),
-])
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        ({"addr": None}, "has the arrays op, size; a trace has op, addr and size"),
+        ({"extra": GOOD["op"]}, "has the arrays addr, extra, op, size; a trace has op, addr and size"),
+        ({"op": GOOD["op"].astype(int)}, "array op is 1-dimensional int64; it must be 1-dimensional uint8"),
+        ({"addr": GOOD["addr"].astype(float)}, "array addr is 1-dimensional float64; it must be 1-dimensional uint64"),
+        ({"size": GOOD["size"].reshape(1, 2)}, "array size is 2-dimensional uint8; it must be 1-dimensional uint8"),
+        ({"size": np.array([4], np.uint8)}, "array size has 1 entries and op 2; they must agree"),
+        ({"op": np.array([1, 7], np.uint8)}, "op of reference 1 is 7; allowed is 1 store, 2 load or 3 modify"),
+        ({"size": np.array([0, 4], np.uint8)}, "size of reference 0 is 0; allowed is at least 1 byte"),
+        (
+            {"addr": np.array([64, 2**64 - 1], np.uint64)},
+            "addr of reference 1 is 18446744073709551615; allowed is below 2**63 - 256",
+        ),
+        ({"op": np.array([1, None], object)}, "cannot be read as an .npz file of plain arrays"),
+    ],
+)
 def test_a_file_with_wrong_arrays_is_refused_in_one_sentence(tmp_path, change, says):
     path = tmp_path / "trace.npz"
     np.savez(path, **{name: column for name, column in {**GOOD, **change}.items() if column is not None})
@@ -169,7 +183,7 @@ def test_a_damaged_file_is_read_or_refused_and_nothing_else(tmp_path_factory, ju
     path = tmp_path_factory.mktemp("damaged") / "trace.npz"
     np.savez(path, **GOOD)
     data = path.read_bytes()
-    path.write_bytes(data[:at] + junk + data[at + length:])
+    path.write_bytes(data[:at] + junk + data[at + length :])
     try:
         count_trace(path)
     except TraceFileError as error:

@@ -10,10 +10,26 @@ from labkit.cache.timing import Timing, Work, data_cycles, run_cost, speed_up, w
 MHZ = 1_000_000
 
 
-@pytest.mark.parametrize(("mhz", "millivolts", "states"), [
-    (216, 3300, 7), (216, 2700, 7), (216, 2699, 8), (216, 2400, 8), (216, 2399, 9), (216, 2100, 9), (180, 2099, 8),
-    (180, 1800, 8), (210, 3300, 6), (30, 3300, 0), (31, 3300, 1), (20, 1800, 0), (22, 2100, 0), (24, 2400, 0), (16, 3300, 0),
-])
+@pytest.mark.parametrize(
+    ("mhz", "millivolts", "states"),
+    [
+        (216, 3300, 7),
+        (216, 2700, 7),
+        (216, 2699, 8),
+        (216, 2400, 8),
+        (216, 2399, 9),
+        (216, 2100, 9),
+        (180, 2099, 8),
+        (180, 1800, 8),
+        (210, 3300, 6),
+        (30, 3300, 0),
+        (31, 3300, 1),
+        (20, 1800, 0),
+        (22, 2100, 0),
+        (24, 2400, 0),
+        (16, 3300, 0),
+    ],
+)
 def test_wait_states_of_rm0410(mhz, millivolts, states):
     assert wait_states(mhz * MHZ, millivolts) == states
 
@@ -65,17 +81,20 @@ def test_tcm_costs_nothing_and_a_peripheral_its_bus():
     assert data_cycles(cache.log, cache.memory, Timing(uncached_data=9, data_fill=20, write_back=4)) == 9 + 20 + 4
 
 
-@pytest.mark.parametrize(("call", "says"), [
-    (lambda: wait_states(217 * MHZ), "clock of 217000000 Hz at 3300 mV; allowed is 1 Hz to 216 MHz"),
-    (lambda: wait_states(181 * MHZ, 1800), "clock of 181000000 Hz at 1800 mV; allowed is 1 Hz to 180 MHz"),
-    (lambda: wait_states(0), "clock of 0 Hz at 3300 mV; allowed is 1 Hz to 216 MHz"),
-    (lambda: wait_states(16 * MHZ, 1700), "supply of 1700 mV; the STM32F767 runs on 1800 to 3600 mV"),
-    (lambda: Timing(data_fill=-1), "data_fill is -1 cycles; it cannot be below 0"),
-    (lambda: Timing(art_hits=1.5), "art_hits is 1.5; it is a share from 0 to 1"),
-    (lambda: Work(-1, 0), "instructions is -1; it cannot be below 0"),
-    (lambda: run_cost(WORK, path="ahb"), "no path 'ahb' to the flash; there are axi, itcm"),
-    (lambda: speed_up(Work(0, 0)), "work that takes 0 cycles with caches has no speed-up; give it instructions"),
-])
+@pytest.mark.parametrize(
+    ("call", "says"),
+    [
+        (lambda: wait_states(217 * MHZ), "clock of 217000000 Hz at 3300 mV; allowed is 1 Hz to 216 MHz"),
+        (lambda: wait_states(181 * MHZ, 1800), "clock of 181000000 Hz at 1800 mV; allowed is 1 Hz to 180 MHz"),
+        (lambda: wait_states(0), "clock of 0 Hz at 3300 mV; allowed is 1 Hz to 216 MHz"),
+        (lambda: wait_states(16 * MHZ, 1700), "supply of 1700 mV; the STM32F767 runs on 1800 to 3600 mV"),
+        (lambda: Timing(data_fill=-1), "data_fill is -1 cycles; it cannot be below 0"),
+        (lambda: Timing(art_hits=1.5), "art_hits is 1.5; it is a share from 0 to 1"),
+        (lambda: Work(-1, 0), "instructions is -1; it cannot be below 0"),
+        (lambda: run_cost(WORK, path="ahb"), "no path 'ahb' to the flash; there are axi, itcm"),
+        (lambda: speed_up(Work(0, 0)), "work that takes 0 cycles with caches has no speed-up; give it instructions"),
+    ],
+)
 def test_bad_input_gets_one_clear_sentence(call, says):
     with pytest.raises(ValueError) as error:
         call()

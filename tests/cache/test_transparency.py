@@ -20,13 +20,25 @@ payloads = st.binary(min_size=1, max_size=64)
 class WithoutDma(RuleBasedStateMachine):
     """Loads and stores on a tiny cache beside a bytearray; clean, speculation and CMSIS's enable and disable in between."""
 
-    @initialize(policy=st.sampled_from(sorted(POLICIES)), ways=st.sampled_from([1, 2, 4]), dynamic=st.booleans(),
-                force=st.booleans(), shared=st.booleans(), protected=st.booleans())
+    @initialize(
+        policy=st.sampled_from(sorted(POLICIES)),
+        ways=st.sampled_from([1, 2, 4]),
+        dynamic=st.booleans(),
+        force=st.booleans(),
+        shared=st.booleans(),
+        protected=st.booleans(),
+    )
     def start(self, policy, ways, dynamic, force, shared, protected):
         regions = [Region(f"{i} {kind.name}", i * SIZE, SIZE, kind) for i, kind in enumerate(KINDS)]
         mpu = [MpuRegion(3, 0, 128, tex=1, c=1, b=1, s=1), MpuRegion(4, 64, 64, tex=1, c=0, b=0)] if protected else []
-        self.cache = Cache(Memory(regions, mpu), Geometry(256, ways, 32), policy, dynamic_read_allocate=dynamic,
-                           force_write_through=force, shared_write_through=shared)
+        self.cache = Cache(
+            Memory(regions, mpu),
+            Geometry(256, ways, 32),
+            policy,
+            dynamic_read_allocate=dynamic,
+            force_write_through=force,
+            shared_write_through=shared,
+        )
         self.dma = Dma(self.cache.memory, self.cache.log)
         self.truth = bytearray(END)
         self.read_wrong: list[tuple[int, int]] = []  # (record, byte address) of every byte that was not the latest
@@ -49,14 +61,14 @@ class WithoutDma(RuleBasedStateMachine):
     @rule(address=addresses, data=payloads)
     def write(self, address, data):
         self.cache.write(address, data)
-        self.truth[address:address + len(data)] = data
+        self.truth[address : address + len(data)] = data
 
     @rule(address=addresses, data=payloads)
     def modify(self, address, data):
         first = len(self.cache.log)
         got = b"".join(record.data for record in self.cache.modify(address, data))
         self.compare(address, got, first)
-        self.truth[address:address + len(data)] = data
+        self.truth[address : address + len(data)] = data
 
     @rule(start=st.integers(0, END - 256), words=st.integers(8, 36))
     def memset(self, start, words):
@@ -96,7 +108,7 @@ class WithDma(WithoutDma):
     @rule(address=addresses, data=payloads)
     def dma_write(self, address, data):
         self.dma.write(address, data)
-        self.truth[address:address + len(data)] = data
+        self.truth[address : address + len(data)] = data
 
     @rule(address=addresses, size=sizes, whole=st.booleans())
     def invalidate(self, address, size, whole):

@@ -7,11 +7,30 @@ from hypothesis import strategies as st
 
 from labkit.cache import Cache, Geometry, count, patterns, replay, stm32f767, timeline
 from labkit.experiments.cache_patterns import (
-    SIZES, STRIDES, WAYS, CacheMap, MatrixOrders, MissRates, check_fifo_beats_lru, check_full_of_holes, check_good_order,
+    SIZES,
+    STRIDES,
+    WAYS,
+    CacheMap,
+    MatrixOrders,
+    MissRates,
+    check_fifo_beats_lru,
+    check_full_of_holes,
+    check_good_order,
 )
 from labkit.experiments.cache_speedups import (
-    CLAIMS, CONTROL, JOBS, Explanations, PublishedSpeedups, SpeedupGuess, TimingModel, check_coldest, check_idle_formula,
-    check_sample_difference, check_wrong_total, measured_factor, recordings,
+    CLAIMS,
+    CONTROL,
+    JOBS,
+    Explanations,
+    PublishedSpeedups,
+    SpeedupGuess,
+    TimingModel,
+    check_coldest,
+    check_idle_formula,
+    check_sample_difference,
+    check_wrong_total,
+    measured_factor,
+    recordings,
 )
 from labkit.figures.cache_map import cache_map, contents, sentence
 
@@ -51,8 +70,12 @@ def test_a_guess_is_judged_only_after_the_reveal():
 
 
 @settings(max_examples=40, deadline=None)
-@given(st.lists(st.tuples(st.sampled_from(["read", "write", "modify"]), st.integers(0, 60)), max_size=40),
-       st.sampled_from([1, 2, 4]), st.sampled_from(["lru", "plru", "fifo", "random"]), st.integers(0, 40))
+@given(
+    st.lists(st.tuples(st.sampled_from(["read", "write", "modify"]), st.integers(0, 60)), max_size=40),
+    st.sampled_from([1, 2, 4]),
+    st.sampled_from(["lru", "plru", "fifo", "random"]),
+    st.integers(0, 40),
+)
 def test_the_map_shows_what_the_cache_holds(steps, ways, policy, at):
     cache = Cache(stm32f767(), Geometry(256, ways, 32), policy)
     for op, word in steps[:at]:
@@ -65,7 +88,11 @@ def test_the_map_shows_what_the_cache_holds(steps, ways, policy, at):
 
 
 def test_the_sentence_says_what_the_access_did():
-    records = CacheMap(pattern="own", own="modify 0x20020000; read 0x20020100; read 0x20020200; read 0x20020100; read 0x20000000").run().records
+    records = (
+        CacheMap(pattern="own", own="modify 0x20020000; read 0x20020100; read 0x20020200; read 0x20020100; read 0x20000000")
+        .run()
+        .records
+    )
     columns = timeline(records)
     assert "empty" in sentence(columns, 0)
     assert "miss" in sentence(columns, 1) and "fills way 0" in sentence(columns, 1)
@@ -80,12 +107,15 @@ def test_twelve_lines_in_room_for_eight_never_hit_and_eight_always_do():
     assert CacheMap(step=24, elements=8).measure("misses so far") == 8
 
 
-@pytest.mark.parametrize(("text", "sentence"), [
-    ("reed 0x20020000", "line 1: 'reed' is no command"),
-    ("read 0x20020000 times 2000", "steps through 1000 at most"),
-    ("read 0x30000000", "0x30000000"),
-    ("repeat 3; read 0x20020000", "repeat without an end"),
-])
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("reed 0x20020000", "line 1: 'reed' is no command"),
+        ("read 0x20020000 times 2000", "steps through 1000 at most"),
+        ("read 0x30000000", "0x30000000"),
+        ("repeat 3; read 0x20020000", "repeat without an end"),
+    ],
+)
 def test_a_bad_pattern_is_one_sentence(text, sentence):
     with pytest.raises(ValueError, match=sentence) as caught:
         CacheMap(pattern="own", own=text).run()
@@ -106,7 +136,11 @@ def test_a_round_visits_every_element_once_in_every_order():
     for order in ("circle", "back and forth", "shuffled"):
         rounds = MissRates(elements=16, order=order).references(64).address.reshape(4, -1)
         assert all(sorted(r) == sorted(rounds[0]) for r in rounds.tolist())
-    assert MissRates(order="back and forth", elements=256, size=4096).measure("misses") < MissRates(elements=256, size=4096).measure("misses") == 100
+    assert (
+        MissRates(order="back and forth", elements=256, size=4096).measure("misses")
+        < MissRates(elements=256, size=4096).measure("misses")
+        == 100
+    )
 
 
 def test_loop_orders_count_the_misses_of_the_product():
@@ -146,7 +180,9 @@ def test_the_slopes_over_the_wait_states_are_fetches_and_fills(task):
     assert states.tolist() == list(range(8))
     assert np.polyfit(states, off, 1)[0] == pytest.approx(result.work.fetches / JOBS)
     assert np.polyfit(states, on, 1)[0] == pytest.approx(result.work.code_fills / JOBS)
-    assert off[-1] == pytest.approx(result.target[0] / JOBS, abs=0.1) and on[-1] == pytest.approx(result.target[1] / JOBS, abs=0.1)
+    assert off[-1] == pytest.approx(result.target[0] / JOBS, abs=0.1) and on[-1] == pytest.approx(
+        result.target[1] / JOBS, abs=0.1
+    )
 
 
 def test_two_explanations_of_one_measurement_differ_at_another_clock():
@@ -159,7 +195,7 @@ def test_two_explanations_of_one_measurement_differ_at_another_clock():
 
 
 def test_clues_ask_the_tables():
-    assert [t for t in range(0, 12) if check_wrong_total(t).solved] == [9]
+    assert [t for t in range(12) if check_wrong_total(t).solved] == [9]
     assert check_idle_formula(lambda off, on: 100 * (on - off) / on).solved
     assert not check_idle_formula(lambda off, on: 100 * (on - off) / off).solved
     pairs = [(p, r) for p in ("micro-ROS", "FreeRTOS", "ROS") for r in ("50|30", "100|50", "1")]

@@ -7,9 +7,7 @@ from hypothesis import strategies as st
 from labkit.cache import SOURCE1_MPU, MpuRegion, stm32f767
 from labkit.experiments.byte_story import CPU, DMA, LINE, Story
 from labkit.experiments.dma_coherence import Alignment, DmaCoherence
-from labkit.experiments.dma_exercises import (
-    DOCUMENTED, check_failures, check_receive_driver, check_region, check_rounding,
-)
+from labkit.experiments.dma_exercises import DOCUMENTED, check_failures, check_receive_driver, check_region, check_rounding
 from labkit.experiments.dma_session import CREATE_CLIENT, KEY, UrosSession, agent
 
 FAILURES = {
@@ -18,9 +16,11 @@ FAILURES = {
     "speculative fill": DmaCoherence(direction="receive", before="invalidate", meanwhile="speculation"),
     "dirty eviction": DmaCoherence(direction="receive", after="invalidate", meanwhile="eviction"),
     "invalidate hit a dirty neighbour": DmaCoherence(
-        direction="receive", before="invalidate", after="invalidate", neighbour="during", offset=16),
+        direction="receive", before="invalidate", after="invalidate", neighbour="during", offset=16
+    ),
     "clean overwrote the DMA": DmaCoherence(
-        direction="receive", before="invalidate", after="clean+invalidate", neighbour="during", offset=16),
+        direction="receive", before="invalidate", after="clean+invalidate", neighbour="during", offset=16
+    ),
 }
 
 
@@ -134,7 +134,7 @@ def test_a_stale_zero_is_stale_although_it_is_right():
 
 def test_the_agent_reads_the_header_first():
     assert agent(CREATE_CLIENT) == "session established"
-    assert agent(CREATE_CLIENT[:KEY.start] + bytes(4) + CREATE_CLIENT[KEY.stop:]) == "invalid client key"
+    assert agent(CREATE_CLIENT[: KEY.start] + bytes(4) + CREATE_CLIENT[KEY.stop :]) == "invalid client key"
     assert agent(CREATE_CLIENT[:8] + b"abcd" + CREATE_CLIENT[12:]) == "cookie is not XRCE"
     assert agent(bytes.fromhex("81000000 04010B00") + bytes(16)) == "no CREATE_CLIENT"
 
@@ -173,19 +173,23 @@ def driver(before=(), after=()):
         for operation in after:
             getattr(cache, operation)(buffer, len(frame))
         return cache.load(buffer, len(frame))
+
     return receive
 
 
-@pytest.mark.parametrize(("before", "after", "complaint"), [
-    (["invalidate"], ["invalidate"], None),
-    (["clean", "invalidate"], ["invalidate"], None),
-    (["clean"], ["invalidate"], None),  # nothing dirty is left to be evicted, and what is prefetched is dropped
-    (["clean_invalidate"], ["invalidate"], None),
-    ([], [], "receive without invalidate"),
-    (["invalidate"], [], "speculative fill"),
-    ([], ["invalidate"], "dirty eviction"),
-    ([], ["clean_invalidate"], "clean overwrote the DMA"),
-])
+@pytest.mark.parametrize(
+    ("before", "after", "complaint"),
+    [
+        (["invalidate"], ["invalidate"], None),
+        (["clean", "invalidate"], ["invalidate"], None),
+        (["clean"], ["invalidate"], None),  # nothing dirty is left to be evicted, and what is prefetched is dropped
+        (["clean_invalidate"], ["invalidate"], None),
+        ([], [], "receive without invalidate"),
+        (["invalidate"], [], "speculative fill"),
+        ([], ["invalidate"], "dirty eviction"),
+        ([], ["clean_invalidate"], "clean overwrote the DMA"),
+    ],
+)
 def test_exercise_3_names_the_scene_that_fails(before, after, complaint):
     verdict = check_receive_driver(driver(before, after))
     assert verdict.solved if complaint is None else not verdict.solved and complaint in verdict.text
@@ -201,15 +205,18 @@ def test_exercise_3_cannot_be_talked_round():
     assert "off" in check_receive_driver(off).text
 
 
-@pytest.mark.parametrize(("region", "complaint"), [
-    (MpuRegion(1, 0x2002_4000, 16 * 1024, tex=1, c=0, b=0), None),
-    (MpuRegion(1, 0x2002_4000, 16 * 1024, tex=1, c=0, b=0, s=1), None),
-    (SOURCE1_MPU[0], "invalid client key"),
-    (MpuRegion(1, 0x2002_4000, 16 * 1024, tex=0, c=0, b=0), "aligned"),
-    (MpuRegion(1, 0x2002_0000, 32 * 1024, tex=1, c=0, b=0), "covers more"),
-    (MpuRegion(1, 0x2002_4000, 8 * 1024, tex=1, c=0, b=0), "all of it"),
-    (MpuRegion(1, 0x2002_4000, 16 * 1024, tex=0, c=1, b=0), "write-through"),
-])
+@pytest.mark.parametrize(
+    ("region", "complaint"),
+    [
+        (MpuRegion(1, 0x2002_4000, 16 * 1024, tex=1, c=0, b=0), None),
+        (MpuRegion(1, 0x2002_4000, 16 * 1024, tex=1, c=0, b=0, s=1), None),
+        (SOURCE1_MPU[0], "invalid client key"),
+        (MpuRegion(1, 0x2002_4000, 16 * 1024, tex=0, c=0, b=0), "aligned"),
+        (MpuRegion(1, 0x2002_0000, 32 * 1024, tex=1, c=0, b=0), "covers more"),
+        (MpuRegion(1, 0x2002_4000, 8 * 1024, tex=1, c=0, b=0), "all of it"),
+        (MpuRegion(1, 0x2002_4000, 16 * 1024, tex=0, c=1, b=0), "write-through"),
+    ],
+)
 def test_exercise_4_asks_the_memory_map(region, complaint):
     verdict = check_region(region)
     assert verdict.solved if complaint is None else not verdict.solved and complaint in verdict.text

@@ -8,7 +8,12 @@ from hypothesis import given, settings
 
 from labkit.experiments.messages import QueueLab, SignalLab, check_shortest_queue
 from labkit.experiments.priority_inversion import (
-    MarsPathfinder, NestedMutexes, PriorityInversion, check_bound_reached, check_harmless_inversion, check_prompt_middle,
+    MarsPathfinder,
+    NestedMutexes,
+    PriorityInversion,
+    check_bound_reached,
+    check_harmless_inversion,
+    check_prompt_middle,
 )
 from labkit.experiments.start_here import ThreeTasks
 from labkit.trace.folds import runs
@@ -18,10 +23,16 @@ ORACLE = pathlib.Path(__file__).parents[1] / "oracle" / "freertos"
 
 def timeline_ms(run):
     ms = run.trace.hz // 1000
-    return [(start // ms, end // ms, run.trace.names[task]) for task, start, end in runs(run.trace).tolist() if run.trace.names[task] != "IDLE"]
+    return [
+        (start // ms, end // ms, run.trace.names[task])
+        for task, start, end in runs(run.trace).tolist()
+        if run.trace.names[task] != "IDLE"
+    ]
 
 
-@pytest.mark.parametrize(("protocol", "scenario"), [("semaphore", "01_inversion_binary_semaphore"), ("freertos", "02_inversion_mutex")])
+@pytest.mark.parametrize(
+    ("protocol", "scenario"), [("semaphore", "01_inversion_binary_semaphore"), ("freertos", "02_inversion_mutex")]
+)
 def test_the_start_values_are_what_the_real_kernel_did(protocol, scenario):
     with open(ORACLE / f"{scenario}.timeline.csv", newline="") as file:
         recorded = [(int(r["start"]), int(r["end"]), r["task"]) for r in csv.DictReader(file) if r["task"] != "IDLE"]

@@ -5,9 +5,15 @@ from hypothesis import given, settings
 
 from labkit.data import published_table
 from labkit.experiments.taft_phases import (
-    PhaseWindows, SixDesigns, Timeliness, check_chain, check_few_aborts, check_period, published_ends,
+    PhaseWindows,
+    SixDesigns,
+    Timeliness,
+    check_chain,
+    check_few_aborts,
+    check_period,
+    published_ends,
 )
-from labkit.scheduler.windows import Part
+from labkit.phases.windows import Part
 
 MS = 1_000_000
 
@@ -47,8 +53,14 @@ def test_every_other_design_breaks_a_promise_at_the_start_values():
     start = SixDesigns()
     runs = start.run().runs
     broken = {design: [g.name for g in run.guarantees if not g.kept] for design, run in runs.items()}
-    assert broken == {"edf thread": ["G2", "G3"], "taft thread": ["G3"], "taft thread, wcet": ["G3"], "taft phases": ["G4"],
-                      "taft releases": ["G2", "G4"], "taft windows": []}
+    assert broken == {
+        "edf thread": ["G2", "G3"],
+        "taft thread": ["G3"],
+        "taft thread, wcet": ["G3"],
+        "taft phases": ["G4"],
+        "taft releases": ["G2", "G4"],
+        "taft windows": [],
+    }
     assert [d for d, run in runs.items() if not run.verdict.accepted] == ["edf thread", "taft thread, wcet"]
 
 
@@ -77,7 +89,9 @@ def test_a_longer_expected_time_aborts_less_and_an_idle_filter_at_most_every_sec
 
 
 def test_exercises_ask_the_model():
-    assert not check_period(96).solved and check_period(97).solved and not check_period(100).solved and not check_period("97").solved
+    assert (
+        not check_period(96).solved and check_period(97).solved and not check_period(100).solved and not check_period("97").solved
+    )
     assert not check_few_aborts(Timeliness()).solved and check_few_aborts(None).solved
     assert "does not fit" in str(check_few_aborts(Timeliness(arcs_ecet=40)))
     chain = [Part("Read", "Read", 2 * MS, MS // 10), Part("Filter", "Filter", 5 * MS, MS // 10)]

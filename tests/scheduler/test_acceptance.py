@@ -36,9 +36,15 @@ def test_whatever_the_hyperbolic_bound_accepts_is_accepted_and_the_order_of_task
     assert np.array_equal(exact, accept_response_time(wcets[:, ::-1], periods[:, ::-1]))
 
 
-@pytest.mark.parametrize(("wcets", "periods", "sentence"), [
-    ([1, 2], [3, 4], "both must be"), ([[1, 2]], [[3]], "both must be"), ([[0]], [[3]], "from 1 to"), ([[1]], [[1 << 31]], "from 1 to"),
-])
+@pytest.mark.parametrize(
+    ("wcets", "periods", "sentence"),
+    [
+        ([1, 2], [3, 4], "both must be"),
+        ([[1, 2]], [[3]], "both must be"),
+        ([[0]], [[3]], "from 1 to"),
+        ([[1]], [[1 << 31]], "from 1 to"),
+    ],
+)
 def test_what_is_not_an_array_of_sets_is_refused(wcets, periods, sentence):
     with pytest.raises(ValueError, match=sentence):
         accept_response_time(np.array(wcets), np.array(periods))

@@ -4,8 +4,8 @@ import pytest
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
+from labkit.kernel.kernel import Kernel
 from labkit.scheduler.analysis import CriticalSection, blocking_bounds, deadlock_locks, response_times, utilization
-from labkit.scheduler.kernel import Kernel
 from labkit.scheduler.tasksets import PeriodicTask
 
 

@@ -3,8 +3,8 @@
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
+from labkit.kernel.kernel import Costs, Kernel
 from labkit.scheduler.analysis import Overheads, response_times, utilization
-from labkit.scheduler.kernel import Costs, Kernel
 from labkit.scheduler.tasksets import PeriodicTask
 from labkit.trace.kinds import CODE
 

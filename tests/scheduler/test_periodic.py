@@ -152,10 +152,12 @@ def test_released_together_the_worst_response_is_the_analysis(rows, policy):
 # --------------------------------------------------------------------------------------------------- anybody's sets
 
 
-SET = {"tasks": [
-    {"name": "a", "period": 10, "ecet": 2, "ep_wcet": 1, "wcet": 5, "times": [9]},
-    {"name": "b", "period": 10, "deadline": 10, "offset": 0, "ecet": 3, "ep_wcet": 2, "wcet": 4, "times": [9, 3]},
-]}  # fmt: skip
+SET = {
+    "tasks": [
+        {"name": "a", "period": 10, "ecet": 2, "ep_wcet": 1, "wcet": 5, "times": [9]},
+        {"name": "b", "period": 10, "deadline": 10, "offset": 0, "ecet": 3, "ep_wcet": 2, "wcet": 4, "times": [9, 3]},
+    ]
+}
 
 
 def test_rows_of_a_taft_schedule():
@@ -163,10 +165,18 @@ def test_rows_of_a_taft_schedule():
     assert verdict["accepted"] is True and {"test", "why"} <= set(verdict)
     assert json.loads(json.dumps(verdict)) == verdict
     assert schedule_rows(trace) == [
-        ("a", 0, "mp", "release", 0, 0), ("b", 0, "mp", "release", 0, 0), ("a", 0, "mp", "run", 0, 2),
-        ("b", 0, "mp", "run", 2, 5), ("a", 0, "mp", "run", 5, 7), ("a", 0, "mp", "abort", 7, 7), ("a", 0, "ep", "run", 7, 8),
-        ("a", 0, "ep", "complete", 8, 8), ("b", 0, "mp", "abort", 8, 8), ("b", 0, "ep", "run", 8, 10),
-        ("b", 0, "ep", "complete", 10, 10)]  # fmt: skip
+        ("a", 0, "mp", "release", 0, 0),
+        ("b", 0, "mp", "release", 0, 0),
+        ("a", 0, "mp", "run", 0, 2),
+        ("b", 0, "mp", "run", 2, 5),
+        ("a", 0, "mp", "run", 5, 7),
+        ("a", 0, "mp", "abort", 7, 7),
+        ("a", 0, "ep", "run", 7, 8),
+        ("a", 0, "ep", "complete", 8, 8),
+        ("b", 0, "mp", "abort", 8, 8),
+        ("b", 0, "ep", "run", 8, 10),
+        ("b", 0, "ep", "complete", 10, 10),
+    ]
 
 
 def test_the_same_set_under_edf_and_the_file_reads_back():
@@ -182,21 +192,24 @@ def test_the_same_set_under_edf_and_the_file_reads_back():
     assert {row[2] for row in schedule_rows(trace)} == {"mp"}
 
 
-@pytest.mark.parametrize(("change", "policy", "message"), [
-    ({"period": 0}, "edf", "task 'a': period is 0; it must be at least 1"),
-    ({"wcet": 11}, "rm", "task 'a': wcet 11 exceeds its deadline 10 by 1"),
-    ({"wcet": 1}, "taft", "task 'a': ecet 2 exceeds the wcet 1 of its main part by 1"),
-    ({"ep_wcet": 9}, "taft", "task 'a': ecet 2 and ep_wcet 9 exceed its deadline 10 by 1"),
-    ({"deadline": 12}, "taft", "task 'a': deadline 12 exceeds its period 10"),
-    ({"period": 2.5}, "edf", "task 'a': period must be a whole number of time units, not 2.5"),
-    ({"times": [3, 0]}, "edf", "task 'a': execution time 0 of job 1"),
-    ({"times": []}, "edf", "task 'a': times must be a list"),
-    ({"name": "b"}, "edf", "two tasks are called 'b'"),
-    ({"name": ""}, "edf", "task 0 of the list has no name"),
-    ({"priority": 3}, "edf", "task 'a' has a field 'priority'"),
-    ({"period": 1 << 60, "deadline": 10}, "edf", "at most 1125899906842624 are allowed"),
-    ({"times": [1 << 70]}, "edf", "task 'a': its execution times must be"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("change", "policy", "message"),
+    [
+        ({"period": 0}, "edf", "task 'a': period is 0; it must be at least 1"),
+        ({"wcet": 11}, "rm", "task 'a': wcet 11 exceeds its deadline 10 by 1"),
+        ({"wcet": 1}, "taft", "task 'a': ecet 2 exceeds the wcet 1 of its main part by 1"),
+        ({"ep_wcet": 9}, "taft", "task 'a': ecet 2 and ep_wcet 9 exceed its deadline 10 by 1"),
+        ({"deadline": 12}, "taft", "task 'a': deadline 12 exceeds its period 10"),
+        ({"period": 2.5}, "edf", "task 'a': period must be a whole number of time units, not 2.5"),
+        ({"times": [3, 0]}, "edf", "task 'a': execution time 0 of job 1"),
+        ({"times": []}, "edf", "task 'a': times must be a list"),
+        ({"name": "b"}, "edf", "two tasks are called 'b'"),
+        ({"name": ""}, "edf", "task 0 of the list has no name"),
+        ({"priority": 3}, "edf", "task 'a' has a field 'priority'"),
+        ({"period": 1 << 60, "deadline": 10}, "edf", "at most 1125899906842624 are allowed"),
+        ({"times": [1 << 70]}, "edf", "task 'a': its execution times must be"),
+    ],
+)
 def test_bad_sets_are_told_in_one_sentence(change, policy, message):
     bad = json.loads(json.dumps(SET))
     bad["tasks"][0] |= change

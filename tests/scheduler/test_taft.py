@@ -335,9 +335,15 @@ def test_how_far_the_acceptance_tests_are_from_exact():
             count[full, name] = count.get((full, name), 0) + yes
     assert sets == {True: 89, False: 154}
     assert count == {
-        (False, "together"): 154, (False, "any"): 154, (False, "plan"): 154, (False, "demand"): 125,
-        (True, "together"): 85, (True, "any"): 85, (True, "plan"): 85, (True, "demand"): 20,
-    }  # fmt: skip
+        (False, "together"): 154,
+        (False, "any"): 154,
+        (False, "plan"): 154,
+        (False, "demand"): 125,
+        (True, "together"): 85,
+        (True, "any"): 85,
+        (True, "plan"): 85,
+        (True, "demand"): 20,
+    }
 
 
 def test_endless_main_parts_are_the_worst_case():

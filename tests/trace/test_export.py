@@ -58,13 +58,18 @@ HEAD = '# {"hz": 1000, "start": 0, "end": 9, "names": ["A"]}\r\ntime,kind,task,o
 @pytest.mark.parametrize(
     "text, message",
     [
-        ("", "line 1"), ("a 1 1\n", "line 1"), ('# {"hz": 0, "start": 0, "end": 0, "names": []}\n', "line 1"),
-        (HEAD[:56], "line 2"), (HEAD + "1,begin,A,,0\n", "line 3"),
-        (HEAD + "1,begin,B,,0,0\n", "line 3: 'B'"), (HEAD + "1,began,A,,0,0\n", "line 3: 'began'"),
-        (HEAD + "1,begin,A,,0,x\n", "line 3"), (HEAD + "2,begin,A,,0,0\n1,end,A,,0,0\n", "order of time"),
+        ("", "line 1"),
+        ("a 1 1\n", "line 1"),
+        ('# {"hz": 0, "start": 0, "end": 0, "names": []}\n', "line 1"),
+        (HEAD[:56], "line 2"),
+        (HEAD + "1,begin,A,,0\n", "line 3"),
+        (HEAD + "1,begin,B,,0,0\n", "line 3: 'B'"),
+        (HEAD + "1,began,A,,0,0\n", "line 3: 'began'"),
+        (HEAD + "1,begin,A,,0,x\n", "line 3"),
+        (HEAD + "2,begin,A,,0,0\n1,end,A,,0,0\n", "order of time"),
         (HEAD + f"{10**30},begin,A,,0,0\n", "not a trace"),
     ],
-)  # fmt: skip
+)
 def test_what_is_no_such_csv_is_one_clear_error(text, message):
     with pytest.raises(LogError, match=message):
         read_csv(io.StringIO(text, newline=""))

@@ -86,10 +86,11 @@ def test_ready_is_preempted_or_not_yet_chosen():
     state = {"ready": 0, "blocked": 1}
     rows = [
         (0, CODE["switch"], 0, -1, 1, -1),
-        (3, CODE["ready"], 1, -1, 2, 0), (3, CODE["switch"], 1, 0, 2, state["ready"]),  # 0 is preempted
+        (3, CODE["ready"], 1, -1, 2, 0),
+        (3, CODE["switch"], 1, 0, 2, state["ready"]),  # 0 is preempted
         (5, CODE["ready"], 2, -1, 1, 0),  # becomes ready behind it
         (7, CODE["switch"], 0, 1, 1, state["blocked"]),
         (8, CODE["suspend"], 0, 2, 0, 0),  # 2 is suspended before it ever ran
-    ]  # fmt: skip
+    ]
     trace = Trace.from_rows(rows, ("a", "b", "c"), 1000, end=10)
     assert ready(trace).tolist() == [[0, 3, 7], [2, 5, 8]]

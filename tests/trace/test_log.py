@@ -44,8 +44,12 @@ def test_listing_34_is_in_order_and_needs_no_sorting():
     trace, report = read_log(LOGS / "xu2025_listing34_ordered.log")
     assert report.moved == () and report.stamps == 13
     assert spans(trace).groupby("name")["duration"].sum().to_dict() == {
-        "IDLE": 527 + 42, "odom": 81, "profile": 26, "tsink": 3, "uros": 62,
-    }  # fmt: skip
+        "IDLE": 527 + 42,
+        "odom": 81,
+        "profile": 26,
+        "tsink": 3,
+        "uros": 62,
+    }
 
 
 def test_listing_37_is_cut_at_both_ends():
@@ -158,9 +162,17 @@ def test_at_one_instant_ends_come_first_then_empty_spans_then_the_longest_begin(
     text = "new 5 1\nouter 5 1\nblink 5 1\nblink 5 0\ninner 5 0\nold 5 0\ninner 2 1\nold 1 1\nnew 7 0\nouter 9 0\n"
     trace, _ = read_log(text)
     assert events(trace) == [
-        ("old", 1, True), ("inner", 2, True), ("inner", 5, False), ("old", 5, False), ("blink", 5, True), ("blink", 5, False),
-        ("outer", 5, True), ("new", 5, True), ("new", 7, False), ("outer", 9, False),
-    ]  # fmt: skip
+        ("old", 1, True),
+        ("inner", 2, True),
+        ("inner", 5, False),
+        ("old", 5, False),
+        ("blink", 5, True),
+        ("blink", 5, False),
+        ("outer", 5, True),
+        ("new", 5, True),
+        ("new", 7, False),
+        ("outer", 9, False),
+    ]
     frame = trace.frame("begin").set_index("task")
     assert frame["other"].to_dict() == {"old": None, "inner": "old", "blink": None, "outer": None, "new": "outer"}
 
@@ -229,9 +241,14 @@ def test_unwrapping_gives_the_true_times_back(steps, late, clock):
 @pytest.mark.parametrize(
     "source, message",
     [
-        ("no/such.log", "no/such.log"), ("", "no line"), ("\n\n", "no line"), (b"\x00\x01\x02" * 50, "no line"),
-        (3, "not int"), ("a b c\nd\n", "line 1"), (Path(__file__).parent, "cannot be read"),
-    ],  # fmt: skip
+        ("no/such.log", "no/such.log"),
+        ("", "no line"),
+        ("\n\n", "no line"),
+        (b"\x00\x01\x02" * 50, "no line"),
+        (3, "not int"),
+        ("a b c\nd\n", "line 1"),
+        (Path(__file__).parent, "cannot be read"),
+    ],
 )
 def test_what_is_no_log_is_one_clear_error(source, message):
     with pytest.raises(LogError, match=message):

@@ -133,8 +133,12 @@ RUNS = [(time, "switch", task, 0, 0) for time, task in [(0, "A"), (3, "B"), (5, 
 def test_runs_come_from_switch_rows_and_the_last_is_cut():
     frame = spans(simulation(RUNS, end=12))
     assert frame[["name", "start", "end", "complete"]].values.tolist() == [
-        ["A", 0, 3, True], ["B", 3, 5, True], ["A", 5, 6, True], ["B", 6, 9, True], ["IDLE", 9, 12, False],
-    ]  # fmt: skip
+        ["A", 0, 3, True],
+        ["B", 3, 5, True],
+        ["A", 5, 6, True],
+        ["B", 6, 9, True],
+        ["IDLE", 9, 12, False],
+    ]
     table = statistics(simulation(RUNS, end=12))
     assert table["self"].to_dict() == {"B": 5000, "A": 4000, "IDLE": 3000}  # 1000 us per unit; a cut run counts
     assert table["share"].sum() == pytest.approx(1) and table.loc["IDLE", "count"] == 0
@@ -155,9 +159,15 @@ def test_scopes_inside_a_simulated_task_sleep_with_it():
 
 def test_the_kernels_own_time_belongs_to_no_task():
     rows = [
-        (0, "switch", "A", 2, -1), (2, "overhead", "A", 1, 0), (4, "begin", "f", 0, 0), (4, "overhead", "A", 2, 2),
-        (7, "end", "f", 0, 0), (8, "overhead", "A", 1, 1), (9, "switch", "IDLE", 0, 1), (11, "overhead", "IDLE", 5, 0),
-    ]  # fmt: skip
+        (0, "switch", "A", 2, -1),
+        (2, "overhead", "A", 1, 0),
+        (4, "begin", "f", 0, 0),
+        (4, "overhead", "A", 2, 2),
+        (7, "end", "f", 0, 0),
+        (8, "overhead", "A", 1, 1),
+        (9, "switch", "IDLE", 0, 1),
+        (11, "overhead", "IDLE", 5, 0),
+    ]
     frame = statistics(simulation(rows, "A IDLE f", end=12))
     assert frame["self"].to_dict() == {"(kernel)": 4000, "A": (2 + 1 + 1) * 1000, "IDLE": 2000, "f": 1000}
     assert frame.loc["A", ["sum", "count"]].tolist() == [9000, 1] and frame.loc["(kernel)", ["count", "cut"]].tolist() == [3, 1]
@@ -197,10 +207,20 @@ def test_a_window_cuts_its_first_run():
 
 def test_response_time_runs_from_nominal_release_to_completion():
     rows = [
-        (1, "release", "A", 0, 0), (2, "release", "B", 2, 0), (2, "switch", "A", 2, -1), (4, "complete", "A", 10, 0),
-        (4, "switch", "B", 1, 1), (10, "release", "A", 10, 1), (10, "switch", "A", 2, 0), (13, "complete", "A", 20, 1), (13, "switch", "B", 1, 1),
-        (14, "complete", "B", -1, 0), (14, "switch", "IDLE", 0, 1), (15, "miss", "A", 15, 7), (20, "release", "A", 20, 2),
-    ]  # fmt: skip
+        (1, "release", "A", 0, 0),
+        (2, "release", "B", 2, 0),
+        (2, "switch", "A", 2, -1),
+        (4, "complete", "A", 10, 0),
+        (4, "switch", "B", 1, 1),
+        (10, "release", "A", 10, 1),
+        (10, "switch", "A", 2, 0),
+        (13, "complete", "A", 20, 1),
+        (13, "switch", "B", 1, 1),
+        (14, "complete", "B", -1, 0),
+        (14, "switch", "IDLE", 0, 1),
+        (15, "miss", "A", 15, 7),
+        (20, "release", "A", 20, 2),
+    ]
     frame = statistics(simulation(rows, end=22))
     a, b = frame.loc["A"], frame.loc["B"]
     assert (a["jobs"], a["response_mean"], a["response_max"], a["misses"]) == (2, 3500, 4000, 1)
@@ -211,9 +231,13 @@ def test_response_time_runs_from_nominal_release_to_completion():
 
 def test_a_job_released_while_its_task_runs_starts_at_its_release():
     rows = [
-        (0, "release", "A", 0, 0), (0, "switch", "A", 2, -1), (5, "release", "A", 5, 1), (8, "complete", "A", -1, 0),
-        (9, "complete", "A", -1, 1), (9, "switch", "IDLE", 0, 1),
-    ]  # fmt: skip
+        (0, "release", "A", 0, 0),
+        (0, "switch", "A", 2, -1),
+        (5, "release", "A", 5, 1),
+        (8, "complete", "A", -1, 0),
+        (9, "complete", "A", -1, 1),
+        (9, "switch", "IDLE", 0, 1),
+    ]
     frame = statistics(simulation(rows, end=10))
     assert frame.loc["A", "response_max"] == 8000 and frame.loc["A", "period"] == 5000
 

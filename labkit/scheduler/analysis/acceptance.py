@@ -20,7 +20,7 @@ def accept_response_time(wcets: np.ndarray, periods: np.ndarray) -> np.ndarray:
     wcets, periods = np.asarray(wcets, dtype=np.int64), np.asarray(periods, dtype=np.int64)
     if wcets.ndim != 2 or wcets.shape != periods.shape:
         raise ValueError(f"wcets of shape {wcets.shape} and periods of shape {periods.shape}; both must be (sets, tasks)")
-    if wcets.size and not (1 <= min(wcets.min(), periods.min()) and max(wcets.max(), periods.max()) < MAX_VALUE):
+    if wcets.size and not (min(wcets.min(), periods.min()) >= 1 and max(wcets.max(), periods.max()) < MAX_VALUE):
         raise ValueError(f"execution times and periods must be from 1 to {MAX_VALUE - 1}")
     order = np.argsort(periods, axis=1, kind="stable")
     cost, period = np.take_along_axis(wcets, order, axis=1), np.take_along_axis(periods, order, axis=1)

@@ -9,7 +9,7 @@ release and completion other than on a lock, and known offsets: all tasks are as
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from fractions import Fraction
 from math import ceil, lcm
 

@@ -74,9 +74,7 @@ def taft_demand_test(pairs: Iterable[TaskPair]) -> Verdict:
     used = taft_utilization(pairs)
     if used > 1:
         return _overload(used)
-    most = sum(
-        (Fraction((p.period - p.deadline) * (p.ecet + p.ep_wcet), p.period) + 2 * p.ep_wcet for p in pairs), Fraction(0)
-    )
+    most = sum((Fraction((p.period - p.deadline) * (p.ecet + p.ep_wcet), p.period) + 2 * p.ep_wcet for p in pairs), Fraction(0))
     if used == 1 and most > 0:
         return Verdict(False, "TAFT demand", "at full utilisation this test cannot tell", False)
     times = _jumps(pairs, ceil(most / (1 - used)) if used < 1 else 0)

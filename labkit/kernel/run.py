@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from labkit.scheduler.objects import BLOCKED, DELETED, Task
+from labkit.kernel.objects import BLOCKED, DELETED, Task
 from labkit.trace import Trace
 
 
@@ -72,4 +72,3 @@ def wait_of(task: Task) -> Wait:
         return Wait(task.name, "a notification")
     holder = getattr(target, "holder", None)
     return Wait(task.name, target.name, holder.name if holder else None)
-

@@ -9,15 +9,15 @@ from collections.abc import Callable
 from heapq import heappop, heappush
 from typing import TYPE_CHECKING, Any
 
-from labkit.scheduler.costs import Costs
-from labkit.scheduler.journal import PAGE, Journal
-from labkit.scheduler.objects import BLOCKED, DELETED, FOREVER, READY, SUSPENDED, ReadyLists, Task, enqueue
-from labkit.scheduler.services import end_task, release
+from labkit.kernel.costs import Costs
+from labkit.kernel.journal import PAGE, Journal
+from labkit.kernel.objects import BLOCKED, DELETED, FOREVER, READY, SUSPENDED, ReadyLists, Task, enqueue
+from labkit.kernel.services import end_task, release
 from labkit.trace.kinds import CODE, OVERHEADS
 
 if TYPE_CHECKING:
-    from labkit.scheduler.interrupts import Interrupt
-    from labkit.scheduler.objects import Mutex, Queue, Semaphore
+    from labkit.kernel.interrupts import Interrupt
+    from labkit.kernel.objects import Mutex, Queue, Semaphore
 
     Handler = Callable[[Interrupt], Any]
 
@@ -45,9 +45,26 @@ class Core:
     """
 
     __slots__ = (
-        "now", "tick", "ticks", "until", "running", "ready", "delayed", "devices", "switch_wanted", "textbook", "time_slicing",
-        "every_tick", "costs", "service_costs", "journal", "log", "codes", "isr", "_sequence",
-    )  # fmt: skip
+        "_sequence",
+        "codes",
+        "costs",
+        "delayed",
+        "devices",
+        "every_tick",
+        "isr",
+        "journal",
+        "log",
+        "now",
+        "ready",
+        "running",
+        "service_costs",
+        "switch_wanted",
+        "textbook",
+        "tick",
+        "ticks",
+        "time_slicing",
+        "until",
+    )
 
     def __init__(self, tick: int, priorities: int, costs: Costs, time_slicing: bool):
         self.now, self.tick, self.ticks, self.until = 0, tick, 0, 0
@@ -130,7 +147,7 @@ class Core:
 
     def _tick_due(self) -> int:
         """Cycle of the next tick at which anything can happen: a slice ends or a delayed task wakes."""
-        if self.every_tick or self.time_slicing and len(self.ready.rings[self.running.priority]) > 2:
+        if self.every_tick or (self.time_slicing and len(self.ready.rings[self.running.priority]) > 2):
             return (self.ticks + 1) * self.tick
         return self.delayed[0][0] * self.tick if self.delayed else FOREVER
 
@@ -146,7 +163,7 @@ class Core:
             if self.now == before:
                 break
             tick_due = self._tick_due()  # handling them took time: more may be due by now
-            if self.now >= self.until or tick_due > self.now and not (self.devices and self.devices[0][0] <= self.now):
+            if self.now >= self.until or (tick_due > self.now and not (self.devices and self.devices[0][0] <= self.now)):
                 break
         self.ticks = self.now // self.tick
         if self.switch_wanted:

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from labkit.scheduler.framework import Organiser, Unit
+from labkit.phases.framework import Organiser, Unit
 from labkit.scheduler.jobs import slices
 
 

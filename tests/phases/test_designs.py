@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from labkit.scheduler.laser_chain import CONTOUR, MS, PERIOD_NS, RESERVE_NS, contour_model, experiment_1, laser_chain, laser_load
-from labkit.scheduler.phases import DESIGNS, guarantees, phase_times, run_design, run_designs
-from labkit.scheduler.windows import Part, check_windows, read_chain, windows
+from labkit.phases.designs import DESIGNS, guarantees, phase_times, run_design, run_designs
+from labkit.phases.laser_chain import CONTOUR, MS, PERIOD_NS, RESERVE_NS, contour_model, experiment_1, laser_chain, laser_load
+from labkit.phases.windows import Part, check_windows, read_chain, windows
 
 PUBLISHED = Path(__file__).parents[2] / "data" / "diplom_table5_windows.csv"
 
@@ -73,13 +73,16 @@ def test_a_period_too_short_says_by_how_much_and_where():
         windows([], 100)
 
 
-@pytest.mark.parametrize(("manual", "message"), [
-    ([("p0", 0, 11), ("p1", 10, 10)], "the window of phase 'p0' overlaps that of 'p1' by 1 ns"),
-    ([("p0", 0, 10), ("p1", 10, 12)], "the window of phase 'p1' ends 2 ns after the period"),
-    ([("p0", 0, 4), ("p1", 4, 16)], "the window of phase 'p0' is 2 ns too short for its 6 ns"),
-    ([("p1", 0, 10), ("p0", 10, 10)], "in order, for p0, p1"),
-    ([("p0", -1, 10), ("p1", 10, 10)], "release of phase 'p0' is -1 ns"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("manual", "message"),
+    [
+        ([("p0", 0, 11), ("p1", 10, 10)], "the window of phase 'p0' overlaps that of 'p1' by 1 ns"),
+        ([("p0", 0, 10), ("p1", 10, 12)], "the window of phase 'p1' ends 2 ns after the period"),
+        ([("p0", 0, 4), ("p1", 4, 16)], "the window of phase 'p0' is 2 ns too short for its 6 ns"),
+        ([("p1", 0, 10), ("p0", 10, 10)], "in order, for p0, p1"),
+        ([("p0", -1, 10), ("p1", 10, 10)], "release of phase 'p0' is -1 ns"),
+    ],
+)
 def test_windows_by_hand_are_checked(manual, message):
     with pytest.raises(ValueError, match=message):
         check_windows(chain((5, 1), (5, 1)), manual, 20)
@@ -108,16 +111,19 @@ def test_a_chain_is_read_from_csv(tmp_path):
     ]
 
 
-@pytest.mark.parametrize(("text", "message"), [
-    ("phase,part,ecet_ns\nscan,,4\n", "no column wcet_ep_ns"),
-    ("phase,part,ecet_ns,wcet_ep_ns\n", "the chain is empty"),
-    ("phase,part,ecet_ns,wcet_ep_ns\nscan,,4.5,1\n", "line 2: ecet_ns is '4.5'; it must be a whole number"),
-    ("phase,part,ecet_ns,wcet_ep_ns\nscan,,4,\n", "line 2: ecet_ns and wcet_ep_ns must be given"),
-    ("phase,part,ecet_ns,wcet_ep_ns\n,,4,1\n", "line 2: the phase has no name"),
-    ("phase,part,ecet_ns,wcet_ep_ns\nscan,,4,-1\n", "wcet_ep_ns is -1"),
-    ("phase,part,ecet_ns,wcet_ep_ns\nscan\n", "line 2"),
-    ("", "no column phase"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("phase,part,ecet_ns\nscan,,4\n", "no column wcet_ep_ns"),
+        ("phase,part,ecet_ns,wcet_ep_ns\n", "the chain is empty"),
+        ("phase,part,ecet_ns,wcet_ep_ns\nscan,,4.5,1\n", "line 2: ecet_ns is '4.5'; it must be a whole number"),
+        ("phase,part,ecet_ns,wcet_ep_ns\nscan,,4,\n", "line 2: ecet_ns and wcet_ep_ns must be given"),
+        ("phase,part,ecet_ns,wcet_ep_ns\n,,4,1\n", "line 2: the phase has no name"),
+        ("phase,part,ecet_ns,wcet_ep_ns\nscan,,4,-1\n", "wcet_ep_ns is -1"),
+        ("phase,part,ecet_ns,wcet_ep_ns\nscan\n", "line 2"),
+        ("", "no column phase"),
+    ],
+)
 def test_bad_chains_name_the_line(tmp_path, text, message):
     file = tmp_path / "chain.csv"
     file.write_text(text)

@@ -23,13 +23,13 @@ from __future__ import annotations
 from collections.abc import Callable, Generator, Iterable
 from typing import Any
 
-from labkit.scheduler.core import Core
-from labkit.scheduler.costs import Costs
-from labkit.scheduler.interrupts import Interrupt
-from labkit.scheduler.objects import FOREVER, Mutex, Queue, Semaphore, Task
-from labkit.scheduler.protocols import PROTOCOLS, UNOWNED
-from labkit.scheduler.requests import Services
-from labkit.scheduler.run import Run, TaskInfo, find_deadlock
+from labkit.kernel.core import Core
+from labkit.kernel.costs import Costs
+from labkit.kernel.interrupts import Interrupt
+from labkit.kernel.objects import FOREVER, Mutex, Queue, Semaphore, Task
+from labkit.kernel.protocols import PROTOCOLS, UNOWNED
+from labkit.kernel.requests import Services
+from labkit.kernel.run import Run, TaskInfo, find_deadlock
 from labkit.trace.kinds import CODE
 
 CREATE, READIED = CODE["create"], CODE["ready"]

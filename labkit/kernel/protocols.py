@@ -9,11 +9,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from labkit.scheduler.objects import Mutex, Semaphore, Task, enqueue
+from labkit.kernel.objects import Mutex, Semaphore, Task, enqueue
 from labkit.trace.kinds import CODE
 
 if TYPE_CHECKING:
-    from labkit.scheduler.core import Core
+    from labkit.kernel.core import Core
 
 INHERIT, DISINHERIT, DISINHERIT_TIMEOUT = CODE["inherit"], CODE["disinherit"], CODE["disinherit_timeout"]
 

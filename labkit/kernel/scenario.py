@@ -12,10 +12,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TextIO
 
-from labkit.scheduler.kernel import Kernel
-from labkit.scheduler.objects import FOREVER
-from labkit.scheduler.run import Run
-from labkit.scheduler.requests import Services
+from labkit.kernel.kernel import Kernel
+from labkit.kernel.objects import FOREVER
+from labkit.kernel.requests import Services
+from labkit.kernel.run import Run
 from labkit.trace.folds import runs
 from labkit.trace.kinds import ISR_OPS, KINDS, STATES
 
@@ -276,11 +276,25 @@ def _body(spec: TaskSpec, handles: Mapping[str | None, Any]) -> Callable[[Servic
 
     def body(os: Services) -> Generator[Any, Any, None]:
         call = {
-            "burn": os.compute, "delay": os.delay, "delay_until": os.delay_until, "yield": os.yield_cpu, "take": os.take,
-            "give": os.give, "rtake": os.take, "rgive": os.give, "send": os.send, "send_front": os.send_front,
-            "overwrite": os.overwrite, "recv": os.receive, "peek": os.peek, "notify_give": os.notify_give,
-            "notify_take": os.notify_take, "suspend": os.suspend, "resume": os.resume, "set_prio": os.set_priority,
-        }  # fmt: skip
+            "burn": os.compute,
+            "delay": os.delay,
+            "delay_until": os.delay_until,
+            "yield": os.yield_cpu,
+            "take": os.take,
+            "give": os.give,
+            "rtake": os.take,
+            "rgive": os.give,
+            "send": os.send,
+            "send_front": os.send_front,
+            "overwrite": os.overwrite,
+            "recv": os.receive,
+            "peek": os.peek,
+            "notify_give": os.notify_give,
+            "notify_take": os.notify_take,
+            "suspend": os.suspend,
+            "resume": os.resume,
+            "set_prio": os.set_priority,
+        }
         at = sequence = last = 0
         while at < len(spec.program):
             step, arguments, skip = spec.program[at]
@@ -293,9 +307,9 @@ def _body(spec: TaskSpec, handles: Mapping[str | None, Any]) -> Callable[[Servic
                 arguments = (arguments[0], item, *arguments[2:])
             answer = yield call[step](*arguments)
             at += 1
-            if step == "notify_take" or step in ("recv", "peek") and answer is not None:
+            if step == "notify_take" or (step in ("recv", "peek") and answer is not None):
                 last = answer
-            if answer is None or answer is False or step == "notify_take" and answer == 0:
+            if answer is None or answer is False or (step == "notify_take" and answer == 0):
                 at += skip
             if at == len(spec.program) and spec.loop_from is not None:
                 at = spec.loop_from

@@ -9,12 +9,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from labkit.scheduler.objects import DELETED, FOREVER, SUSPENDED, Mutex, Queue, Semaphore, Task
-from labkit.scheduler.protocols import settle
+from labkit.kernel.objects import DELETED, FOREVER, SUSPENDED, Mutex, Queue, Semaphore, Task
+from labkit.kernel.protocols import settle
 from labkit.trace.kinds import CODE
 
 if TYPE_CHECKING:
-    from labkit.scheduler.core import Core
+    from labkit.kernel.core import Core
 
 TAKE, TAKE_BLOCK, TAKE_FAIL = CODE["take"], CODE["take_block"], CODE["take_fail"]
 GIVE, GIVE_FAIL, OVERWRITE = CODE["give"], CODE["give_fail"], CODE["overwrite"]

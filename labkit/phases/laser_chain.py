@@ -24,9 +24,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from labkit.phases.designs import DesignRun, PhaseTimes, phase_times, run_design
+from labkit.phases.windows import Part
 from labkit.scheduler.execution import ExecutionModel, fit_log_normal, log_normal
-from labkit.scheduler.phases import DesignRun, PhaseTimes, phase_times, run_design
-from labkit.scheduler.windows import Part
 
 MS = 1_000_000
 PERIOD_NS, RESERVE_NS = 100 * MS, 2 * MS

@@ -2,7 +2,7 @@
 
 import pytest
 
-from labkit.scheduler import Costs, Kernel, runtime_stats, task_list
+from labkit.kernel import Costs, Kernel, runtime_stats, task_list
 
 
 def busy(k):
@@ -71,8 +71,11 @@ def test_the_task_list_shows_state_and_current_priority(run):
         "short          \tD\t2\t17\t3",
     ]
     assert [(task.name, task.state, task.priority) for task in task_list(run).tasks] == [
-        ("IDLE", "X", 0), ("low", "S", 1), ("high", "D", 3), ("short", "D", 2),
-    ]  # fmt: skip
+        ("IDLE", "X", 0),
+        ("low", "S", 1),
+        ("high", "D", 3),
+        ("short", "D", 2),
+    ]
 
 
 def test_times_outside_the_run_are_refused(run):

@@ -28,12 +28,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from labkit.phases.windows import Part, phases_of, windows
 from labkit.scheduler.analysis import Verdict, taft_test
 from labkit.scheduler.jobs import EP, EXCEPTION, MP, Jobs, Outcome, slices, trace_of
 from labkit.scheduler.periodic import simulate
 from labkit.scheduler.taft import PRIORITY
 from labkit.scheduler.tasksets import PeriodicTask, TaskPair
-from labkit.scheduler.windows import Part, phases_of, windows
 from labkit.trace.kinds import CODE
 from labkit.trace.trace import Trace
 
@@ -117,11 +117,15 @@ def pairs_of(chain: Sequence[Part], design: str, period_ns: int, reserve_ns: int
     made = {w.phase: w for w in windows(chain, period_ns, reserve_ns if design == "taft windows" else 0)}
     return [
         TaskPair(
-            part.name, part.ecet_ns, part.wcet_ep_ns, period_ns,
+            part.name,
+            part.ecet_ns,
+            part.wcet_ep_ns,
+            period_ns,
             made[part.phase].deadline_ns if design == "taft windows" else period_ns,
-            0 if design == "taft phases" else made[part.phase].release_ns)
+            0 if design == "taft phases" else made[part.phase].release_ns,
+        )
         for part in chain
-    ]  # fmt: skip
+    ]
 
 
 def _threads(chain: list[Part], design: str, load: np.ndarray, period_ns: int, reserve_ns: int) -> tuple[Verdict, Trace]:

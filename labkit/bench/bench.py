@@ -132,8 +132,13 @@ class Figure(go.FigureWidget):
 def control(p: Parameter, value: Any) -> w.Widget:
     """The widget for one parameter: slider for a number, drop-down for a choice, box for a switch, field for text."""
     unit = f" [{p.unit}]" if p.unit else ""
-    common: dict[str, Any] = {"value": value, "description": p.label + unit, "tooltip": p.doc,
-                              "style": {"description_width": "190px"}, "layout": w.Layout(width="auto")}
+    common: dict[str, Any] = {
+        "value": value,
+        "description": p.label + unit,
+        "tooltip": p.doc,
+        "style": {"description_width": "190px"},
+        "layout": w.Layout(width="auto"),
+    }
     if p.choices:
         labels = p.labels or {}
         made: w.Widget = w.Dropdown(options=[(str(labels.get(c, c)), c) for c in p.choices], **common)
@@ -154,12 +159,18 @@ def control(p: Parameter, value: Any) -> w.Widget:
 
 def metrics_html(metrics: Sequence[Metric]) -> str:
     """The metrics as a strip of cards, published values beside the model's."""
+
     def card(m: Metric) -> str:
         kind = {True: " lab-good", False: " lab-bad", None: ""}[m.good]
-        beside = "".join(f" · {word} {html.escape(Metric('', value, m.unit).text())}"
-                         for word, value in (("bound", m.bound), ("published", m.published)) if value is not None)
-        return (f'<div class="lab-metric{kind}" title="{html.escape(m.note)}"><b>{html.escape(m.text())}</b>'
-                f"<span>{html.escape(m.name)}{beside}</span></div>")
+        beside = "".join(
+            f" · {word} {html.escape(Metric('', value, m.unit).text())}"
+            for word, value in (("bound", m.bound), ("published", m.published))
+            if value is not None
+        )
+        return (
+            f'<div class="lab-metric{kind}" title="{html.escape(m.note)}"><b>{html.escape(m.text())}</b>'
+            f"<span>{html.escape(m.name)}{beside}</span></div>"
+        )
 
     return f'<div class="lab-metrics">{"".join(map(card, metrics))}</div>'
 
@@ -203,14 +214,24 @@ class Bench(w.VBox):
         self._metrics, self._error, self._code = w.HTML(), w.HTML(), w.HTML()
         self._error.add_class("lab-error-slot")
         self._progress = w.FloatProgress(min=0, max=1, layout=w.Layout(width="160px", visibility="hidden"))
-        reset = w.Button(description="Reset", tooltip="all parameters back to where this bench started", layout=w.Layout(width="auto", flex="0 0 auto"))
+        reset = w.Button(
+            description="Reset",
+            tooltip="all parameters back to where this bench started",
+            layout=w.Layout(width="auto", flex="0 0 auto"),
+        )
         reset.add_class("lab-reset")
         reset.on_click(lambda _: self.set(**{n: getattr(self._start, n) for n in self.controls}))
-        lecture = w.ToggleButton(description="Lecture mode", tooltip="everything larger, for the last row", layout=w.Layout(width="auto", flex="0 0 auto"))
+        lecture = w.ToggleButton(
+            description="Lecture mode",
+            tooltip="everything larger, for the last row",
+            layout=w.Layout(width="auto", flex="0 0 auto"),
+        )
         lecture.add_class("lab-lecture-switch")
         lecture.observe(lambda change: self._enlarge(change["new"]), names="value")
         self.figure: Figure | None = None
-        controls = w.GridBox(list(self.controls.values()), layout=w.Layout(grid_template_columns="repeat(auto-fill, minmax(390px, 1fr))"))
+        controls = w.GridBox(
+            list(self.controls.values()), layout=w.Layout(grid_template_columns="repeat(auto-fill, minmax(390px, 1fr))")
+        )
         controls.add_class("lab-controls")
         self._metrics.layout = w.Layout(flex="1 1 auto")
         bar = w.HBox([self._metrics, self._progress, reset, lecture], layout=w.Layout(align_items="center"))
@@ -283,15 +304,20 @@ class Bench(w.VBox):
             if not awaited():
                 return
             text = str(error) if isinstance(error, ValueError) else f"{type(error).__name__}: {error}"
-            where = "" if isinstance(error, ParameterError) else (
-                f"<details><summary>where</summary><pre>{html.escape(traceback.format_exc())}</pre></details>")
+            where = (
+                ""
+                if isinstance(error, ParameterError)
+                else (f"<details><summary>where</summary><pre>{html.escape(traceback.format_exc())}</pre></details>")
+            )
             self._error.value = f'<div class="lab-error" role="alert">{html.escape(text)}{where}</div>'
 
     def _show(self, experiment: Experiment, result: Any) -> None:
         self._draw(self._scaled(experiment.figure(result)))
         self.result = result
         self._metrics.value = metrics_html(experiment.metrics(result))
-        self._code.value = f'<code class="lab-code" title="copy this line to make the same bench again">{html.escape(experiment.code())}</code>'
+        self._code.value = (
+            f'<code class="lab-code" title="copy this line to make the same bench again">{html.escape(experiment.code())}</code>'
+        )
         if self._error.value:
             self._error.value = ""
 
@@ -299,8 +325,10 @@ class Bench(w.VBox):
         scale = LECTURE_SCALE if self._lecture else 1.0
         layout = dict(spec["layout"])
         layout["font"] = {**layout.get("font", {}), "size": round(FONT * scale)}
-        layout["annotations"] = [{**note, "font": {**note["font"], "size": round(note["font"]["size"] * scale)}} if "font" in note else note
-                                 for note in layout.get("annotations", ())]
+        layout["annotations"] = [
+            {**note, "font": {**note["font"], "size": round(note["font"]["size"] * scale)}} if "font" in note else note
+            for note in layout.get("annotations", ())
+        ]
         layout["autosize"] = True
         layout["height"] = round(layout.get("height", 460) * (1.2 if self._lecture else 1))
         return {"data": spec["data"], "layout": layout}
@@ -326,7 +354,11 @@ class Bench(w.VBox):
         for number, trace in enumerate(self._shown["data"]):
             if "set" in (trace.get("meta") or {}):
                 self.figure.data[number].on_click(lambda _, points, __, number=number: self._clicked(number, points.point_inds))
-        self.children = [*(c for c in self.children if not isinstance(c, Figure) and c is not self._code), self.figure, self._code]
+        self.children = [
+            *(c for c in self.children if not isinstance(c, Figure) and c is not self._code),
+            self.figure,
+            self._code,
+        ]
 
     def _clicked(self, trace: int, points: Sequence[int]) -> None:
         if points:
@@ -360,9 +392,14 @@ def predict(question: str, experiment: Experiment, metric: str, choices: Sequenc
     if metric not in found:
         raise ParameterError(f"{experiment.name()} has no metric {metric!r}; it has {', '.join(found)}")
     m = found[metric]
-    guess: w.Widget = (w.RadioButtons(options=list(choices), value=None, layout=w.Layout(width="auto")) if choices
-                       else w.Text(placeholder="your guess", layout=w.Layout(width="120px")))
-    reveal = w.Button(description="I have decided", button_style="primary", layout=w.Layout(width="auto", margin="2px 2px 2px 18px"))
+    guess: w.Widget = (
+        w.RadioButtons(options=list(choices), value=None, layout=w.Layout(width="auto"))
+        if choices
+        else w.Text(placeholder="your guess", layout=w.Layout(width="120px"))
+    )
+    reveal = w.Button(
+        description="I have decided", button_style="primary", layout=w.Layout(width="auto", margin="2px 2px 2px 18px")
+    )
     reveal.add_class("lab-predict-reveal")
     answer = w.HTML()
 
@@ -374,12 +411,19 @@ def predict(question: str, experiment: Experiment, metric: str, choices: Sequenc
             return
         said = "" if mine is None else f"You said <b>{html.escape(str(mine) if choices else f'{mine:g} {m.unit}')}</b>. "
         right = mine is not None and (mine == m.value if choices else abs(mine - m.value) <= 0.05 * max(1e-12, abs(m.value)))
-        answer.value = (f'<div style="border-left:6px solid {"#009E73" if right else "#0072B2"};padding:4px 12px;font-size:16px">'
-                        f"{said}The model says <b>{html.escape(m.text())}</b>. {html.escape(m.note)}</div>")
+        answer.value = (
+            f'<div style="border-left:6px solid {"#009E73" if right else "#0072B2"};padding:4px 12px;font-size:16px">'
+            f"{said}The model says <b>{html.escape(m.text())}</b>. {html.escape(m.note)}</div>"
+        )
 
     reveal.on_click(show)
     unit = [w.HTML(html.escape(m.unit))] if m.unit and not choices else []
-    box = w.VBox([w.HTML(f'<div style="font-size:17px"><b>Predict.</b> {html.escape(question)}</div>'),
-                  w.HBox([guess, *unit, reveal], layout=w.Layout(align_items="center")), answer])
+    box = w.VBox(
+        [
+            w.HTML(f'<div style="font-size:17px"><b>Predict.</b> {html.escape(question)}</div>'),
+            w.HBox([guess, *unit, reveal], layout=w.Layout(align_items="center")),
+            answer,
+        ]
+    )
     box.add_class("lab-predict")
     return box

@@ -2,7 +2,7 @@
 
 import pytest
 
-from labkit.scheduler import Costs, Kernel
+from labkit.kernel import Costs, Kernel
 from labkit.trace.folds import overheads, runs
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from labkit.scheduler import read_scenario, replay, write_events, write_timeline
+from labkit.kernel import read_scenario, replay, write_events, write_timeline
 
 RECORDINGS = sorted((Path(__file__).parents[1] / "oracle" / "freertos").glob("*.json"))
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from labkit.scheduler import Kernel, Wait
+from labkit.kernel import Kernel, Wait
 from labkit.trace.folds import holds, priorities, waits
 
 

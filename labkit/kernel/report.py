@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from labkit.scheduler.run import Run
+from labkit.kernel.run import Run
 from labkit.trace.folds import overheads, runs
 from labkit.trace.kinds import CODE
 

@@ -7,9 +7,22 @@ from dataclasses import dataclass
 
 #: The services that can cost something.
 SERVICES = (
-    "take", "give", "send", "send_front", "overwrite", "receive", "peek", "notify_give", "notify_take",
-    "delay", "delay_until", "yield_cpu", "suspend", "resume", "set_priority",
-)  # fmt: skip
+    "take",
+    "give",
+    "send",
+    "send_front",
+    "overwrite",
+    "receive",
+    "peek",
+    "notify_give",
+    "notify_take",
+    "delay",
+    "delay_until",
+    "yield_cpu",
+    "suspend",
+    "resume",
+    "set_priority",
+)
 
 
 @dataclass(frozen=True)

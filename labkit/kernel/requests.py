@@ -8,12 +8,12 @@ from __future__ import annotations
 from operator import index
 from typing import TYPE_CHECKING, Any
 
-from labkit.scheduler import services
-from labkit.scheduler.objects import FOREVER, Mutex, Queue, Semaphore, Task
+from labkit.kernel import services
+from labkit.kernel.objects import FOREVER, Mutex, Queue, Semaphore, Task
 
 if TYPE_CHECKING:
-    from labkit.scheduler.core import Core
-    from labkit.scheduler.kernel import Kernel
+    from labkit.kernel.core import Core
+    from labkit.kernel.kernel import Kernel
 
 Request = tuple | int
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from labkit.scheduler import Kernel
+from labkit.kernel import Kernel
 from labkit.trace.folds import runs
 
 

@@ -26,10 +26,33 @@ class Task:
     """
 
     __slots__ = (
-        "name", "code", "number", "created", "stack_free", "deadline", "base", "priority", "key", "state", "remaining", "body",
-        "result", "pending", "alarm", "waits_for", "waits_in", "held", "inherited", "notified", "awaits_notification",
-        "last_wake", "computed", "job", "released", "next_release",
-    )  # fmt: skip
+        "alarm",
+        "awaits_notification",
+        "base",
+        "body",
+        "code",
+        "computed",
+        "created",
+        "deadline",
+        "held",
+        "inherited",
+        "job",
+        "key",
+        "last_wake",
+        "name",
+        "next_release",
+        "notified",
+        "number",
+        "pending",
+        "priority",
+        "released",
+        "remaining",
+        "result",
+        "stack_free",
+        "state",
+        "waits_for",
+        "waits_in",
+    )
 
     def __init__(self, name: str, code: int, number: int, priority: int, deadline: int | None, stack_free: int | None):
         self.name, self.code, self.number = name, code, number
@@ -59,7 +82,7 @@ class Task:
 class Semaphore:
     """A binary or counting semaphore: a count up to `length`, and who waits for it."""
 
-    __slots__ = ("name", "code", "count", "length", "waiters", "protocol")
+    __slots__ = ("code", "count", "length", "name", "protocol", "waiters")
     kind, recursive, holder = "semaphore", False, None
 
     def __init__(self, name: str, code: int, count: int, length: int, protocol: Any):
@@ -73,7 +96,7 @@ class Semaphore:
 class Mutex:
     """A lock with an owner. `depth` counts the nested takes of a recursive one; `users` name the tasks its ceiling covers."""
 
-    __slots__ = ("name", "code", "count", "length", "waiters", "protocol", "holder", "recursive", "depth", "ceiling", "users")
+    __slots__ = ("ceiling", "code", "count", "depth", "holder", "length", "name", "protocol", "recursive", "users", "waiters")
     kind = "mutex"
 
     def __init__(self, name: str, code: int, protocol: Any, recursive: bool, ceiling: int, users: tuple[str, ...]):
@@ -91,7 +114,7 @@ class Mutex:
 class Queue:
     """A queue of at most `length` items, and who waits for room in it or for an item."""
 
-    __slots__ = ("name", "code", "length", "items", "senders", "receivers", "protocol")
+    __slots__ = ("code", "items", "length", "name", "protocol", "receivers", "senders")
     kind = "queue"
 
     def __init__(self, name: str, code: int, length: int, protocol: Any):
@@ -112,7 +135,7 @@ class ReadyLists:
     before it the last, which is the step back; to move the index forward is to rotate by one.
     """
 
-    __slots__ = ("rings", "occupied")
+    __slots__ = ("occupied", "rings")
 
     def __init__(self, priorities: int):
         self.rings: list[list[Task | None]] = [[None] for _ in range(priorities)]

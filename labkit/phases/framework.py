@@ -38,10 +38,10 @@ from typing import Any
 
 import numpy as np
 
+from labkit.phases.windows import Part, Window, windows
 from labkit.scheduler.jobs import EP, EXCEPTION, Jobs, Outcome, trace_of
 from labkit.scheduler.taft import PRIORITY, run_pairs
 from labkit.scheduler.tasksets import TaskPair
-from labkit.scheduler.windows import Part, Window, windows
 from labkit.trace.trace import Trace
 
 Main = Callable[[Any], Generator[tuple[int, Any], None, None]]

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from labkit.scheduler.objects import Mutex, Queue, Semaphore, Task
-from labkit.scheduler.services import GIVE, GIVE_FAIL, SEND, SEND_FAIL, notify, resumed, stamp
+from labkit.kernel.objects import Mutex, Queue, Semaphore, Task
+from labkit.kernel.services import GIVE, GIVE_FAIL, SEND, SEND_FAIL, notify, resumed, stamp
 from labkit.trace.kinds import CODE, ISR_OPS
 
 if TYPE_CHECKING:
-    from labkit.scheduler.core import Core
+    from labkit.kernel.core import Core
 
 ISR = CODE["isr"]
 

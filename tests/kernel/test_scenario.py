@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from labkit.scheduler import read_scenario, replay
+from labkit.kernel import read_scenario, replay
 from labkit.trace.folds import holds, runs
 from labkit.trace.kinds import KINDS
 
