@@ -17,7 +17,7 @@ _HOME = {
     "Experiment": "labkit.experiment",
     "Metric": "labkit.experiment",
     "ParameterError": "labkit.experiment",
-    "Verdict": "labkit.experiment",
+    "Feedback": "labkit.experiment",
 }
 
 

@@ -254,7 +254,7 @@ def progress(items: Iterable[T], total: int | None = None) -> Iterator[T]:
 
 
 @dataclass(frozen=True)
-class Verdict:
+class Feedback:
     """What the model says of an answer to an exercise."""
 
     solved: bool

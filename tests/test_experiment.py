@@ -9,7 +9,7 @@ from annotated_types import Interval, MaxLen, MultipleOf, Unit
 from hypothesis import given
 from typing_extensions import Doc
 
-from labkit.bench import changes, explore, metrics_html, predict
+from labkit.bench.bench import changes, explore, metrics_html, predict
 from labkit.experiment import Experiment, Metric, ParameterError, progress
 
 

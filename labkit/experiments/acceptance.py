@@ -10,7 +10,7 @@ import numpy as np
 from annotated_types import Interval, MultipleOf, Unit
 from typing_extensions import Doc
 
-from labkit.experiment import Experiment, Metric, Verdict, progress
+from labkit.experiment import Experiment, Metric, Feedback, progress
 from labkit.figures.curves import Curve, curves
 from labkit.figures.margins import reserve
 from labkit.figures.style import BLUE, GREEN, GREY, INK, LEGEND, ORANGE, PURPLE, VERMILION, layout
@@ -125,18 +125,18 @@ class ExpectedTime(Experiment):
         ]
 
 
-def check_expected_time(answer: ExpectedTime) -> Verdict:
+def check_expected_time(answer: ExpectedTime) -> Feedback:
     """Exercise 3: five filters, accepted by TAFT, at most 2 % aborted, and a period that is at most 210 ms."""
     if answer != ExpectedTime(filters=5, period=answer.period, ECET=answer.ECET):
-        return Verdict(False, "five filters; the exception part and the seed stay as they are.")
+        return Feedback(False, "five filters; the exception part and the seed stay as they are.")
     verdict = taft_test(answer.pairs())
     if not verdict.accepted:
-        return Verdict(False, f"not accepted: {verdict.why}.")
+        return Feedback(False, f"not accepted: {verdict.why}.")
     aborts = answer.measure("aborted by TAFT")
     told = f"accepted, and {aborts:.2f} % of the main parts are aborted with a period of {answer.period} ms"
     if aborts > 2:
-        return Verdict(False, f"{told}; at most 2 % are allowed.")
-    return Verdict(
+        return Feedback(False, f"{told}; at most 2 % are allowed.")
+    return Feedback(
         answer.period <= 210, told + (f", where worst cases need {5 * WCET} ms." if answer.period <= 210 else "; 210 ms will do.")
     )
 

@@ -25,7 +25,7 @@ from labkit.cache import (
     timeline,
 )
 from labkit.cache.records import Access
-from labkit.experiment import Experiment, Labels, Metric, Verdict, progress
+from labkit.experiment import Experiment, Labels, Metric, Feedback, progress
 from labkit.figures.cache_map import cache_map
 from labkit.figures.curves import Curve, curves
 from labkit.figures.style import BLUE, INK, ORANGE, SKY, VERMILION, axis, layout
@@ -343,40 +343,40 @@ class MatrixOrders(Experiment):
 # Exercises: each asks the model
 
 
-def check_full_of_holes(answer: MissRates) -> Verdict:
+def check_full_of_holes(answer: MissRates) -> Feedback:
     """Exercise 1: every access misses in the Cortex-M7's data cache, although the lines would fit into it ten times."""
     if (answer.size, answer.ways, answer.policy, answer.order) != (DCACHE.size, DCACHE.ways, "lru", "circle"):
-        return Verdict(False, "the cache stays 16 KiB with 4 ways and LRU, the order a circle; elements and stride are yours.")
+        return Feedback(False, "the cache stays 16 KiB with 4 ways and LRU, the order a circle; elements and stride are yours.")
     references = answer.references(answer.stride)
     lines = len(np.unique(references.address // LINE))
     if lines * 10 > DCACHE.size // LINE:
-        return Verdict(
+        return Feedback(
             False, f"{lines} lines are too many: ten times as many must fit into the {DCACHE.size // LINE} of the cache."
         )
     rate = answer.rate(references, answer.size, answer.ways)
-    return Verdict(
+    return Feedback(
         rate == 100, f"{lines} lines in a cache with room for {DCACHE.size // LINE}, and {rate:g} % of the accesses miss."
     )
 
 
-def check_fifo_beats_lru(text: str) -> Verdict:
+def check_fifo_beats_lru(text: str) -> Feedback:
     """Exercise 2: a pattern of at most 12 accesses to four ways that FIFO serves with fewer misses than LRU."""
     try:
         made = patterns.parse(text)
     except ValueError as error:
-        return Verdict(False, str(error))
+        return Feedback(False, str(error))
     if len(made) > 12:
-        return Verdict(False, f"{len(made)} accesses; 12 are enough.")
+        return Feedback(False, f"{len(made)} accesses; 12 are enough.")
     misses = {policy: count(made, Geometry(128, 4, LINE), policy)["fills"] for policy in ("lru", "fifo")}
-    return Verdict(
+    return Feedback(
         misses["fifo"] < misses["lru"], f"in one set of 4 ways LRU misses {misses['lru']} times, FIFO {misses['fifo']} times."
     )
 
 
-def check_good_order(answer: MatrixOrders) -> Verdict:
+def check_good_order(answer: MatrixOrders) -> Feedback:
     """Exercise 3: at most a sixth of the misses of i j k without tiles, for the same product in the same cache."""
     start = MatrixOrders()
     if (answer.n, answer.size, answer.ways) != (start.n, start.size, start.ways):
-        return Verdict(False, "product and cache stay as they are; order and tile are yours.")
+        return Feedback(False, "product and cache stay as they are; order and tile are yours.")
     before, now = start.run()[start.order].total, answer.run()[answer.order].total
-    return Verdict(now * 6 <= before, f"{now} misses against {before} of i j k without tiles: {before / now:.1f} times fewer.")
+    return Feedback(now * 6 <= before, f"{now} misses against {before} of i j k without tiles: {before / now:.1f} times fewer.")

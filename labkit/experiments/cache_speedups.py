@@ -12,7 +12,7 @@ from typing_extensions import Doc
 
 from labkit.cache.timing import Cost, Timing, Work, run_cost, wait_states
 from labkit.data import published
-from labkit.experiment import Experiment, Labels, Metric, Verdict
+from labkit.experiment import Experiment, Labels, Metric, Feedback
 from labkit.figures.comparison import Bar, Factor, Pair, dumbbells, factors, stacked
 from labkit.figures.curves import Curve, curves
 from labkit.figures.style import BLUE, GREEN, GREY, INK, LEGEND, ORANGE, PALE, SKY, VERMILION, colours, layout
@@ -453,44 +453,44 @@ class Explanations(Experiment):
 # Exercises: each asks the tables or the model
 
 
-def check_wrong_total(table: int) -> Verdict:
+def check_wrong_total(table: int) -> Feedback:
     """Clue 1: the table whose printed total is not the sum of its rows."""
     with open(published("xu2025_stated_totals.csv"), newline="", encoding="utf-8") as file:
         stated = {int(r["thesis_table"]): (r, int(r["stated_sum_us"])) for r in csv.DictReader(file)}
     if table not in stated:
-        return Verdict(False, f"there are tables {min(stated)} to {max(stated)}.")
+        return Feedback(False, f"there are tables {min(stated)} to {max(stated)}.")
     r, printed = stated[table]
     added = sum(row.total for row in recordings()[r["platform"], f"{r['wheel_hz']}|{r['pose_hz']}", r["caches"]].values())
-    return Verdict(added != printed, f"table {table} prints {printed} us, its rows add up to {added} us.")
+    return Feedback(added != printed, f"table {table} prints {printed} us, its rows add up to {added} us.")
 
 
-def check_idle_formula(formula: Any) -> Verdict:
+def check_idle_formula(formula: Any) -> Feedback:
     """Clue 2: a function of the idle sums (off, on) that gives the printed 14.88 %."""
     off, on = (recordings()["FreeRTOS", "100|50", caches]["IDLE"].total for caches in ("off", "on"))
     value = formula(off, on)
-    return Verdict(
+    return Feedback(
         round(value, 2) == CLAIMS["FreeRTOS", "IDLE"],
         f"your formula gives {value:.2f} %, the text prints {CLAIMS['FreeRTOS', 'IDLE']} %.",
     )
 
 
-def check_sample_difference(platform: str, rates: str) -> Verdict:
+def check_sample_difference(platform: str, rates: str) -> Feedback:
     """Clue 3: the pair of recordings whose printed totals differ by 349.045 ms."""
     if platform not in PLATFORMS or rates not in RATES:
-        return Verdict(False, f"choose a platform of {', '.join(PLATFORMS)} and rates of {', '.join(RATES)}.")
+        return Feedback(False, f"choose a platform of {', '.join(PLATFORMS)} and rates of {', '.join(RATES)}.")
     off, on = (sum(row.total for row in recordings()[platform, rates, caches].values()) for caches in ("off", "on"))
-    return Verdict(
+    return Feedback(
         abs(on - off) == 349_045, f"the two recordings of {platform} at {rates} Hz differ by {abs(on - off) / 1000:.3f} ms."
     )
 
 
-def check_coldest(answer: Explanations) -> Verdict:
+def check_coldest(answer: Explanations) -> Feedback:
     """Exercise 4: the largest coldness that still explains the task, at the prices given."""
     possible = answer.run().balance >= 0
     if not possible:
-        return Verdict(False, f"{answer.coldness} % is too cold: the time no cache changes would have to be negative.")
+        return Feedback(False, f"{answer.coldness} % is too cold: the time no cache changes would have to be negative.")
     colder = answer.coldness < 100 and Explanations(**{**answer.model_dump(), "coldness": answer.coldness + 1}).run().balance >= 0
-    return Verdict(
+    return Feedback(
         not colder,
         f"{answer.coldness} % explains both times"
         + (", but one percent more does as well." if colder else ", and one percent more does not."),

@@ -8,7 +8,7 @@ from labkit.cache import Cache, Dma, MpuRegion, Transfer, stm32f767, violations
 from labkit.cache.coherence import CAUSES
 from labkit.cache.drivers import evict
 from labkit.cache.memory import WRITE_BACK
-from labkit.experiment import Verdict
+from labkit.experiment import Feedback
 from labkit.experiments.byte_story import LINE
 from labkit.experiments.dma_coherence import DmaCoherence
 from labkit.experiments.dma_session import HEAP_SIZE, HEAPS, agent, send
@@ -18,18 +18,18 @@ BUFFER = 0x2002_0400
 FRAME = bytes(range(1, 2 * LINE + 1))
 
 
-def check_failures(collection: Sequence[DmaCoherence]) -> Verdict:
+def check_failures(collection: Sequence[DmaCoherence]) -> Feedback:
     """Exercise 1: settings of the bench that show all six documented failures between them."""
     shown = {cause for experiment in collection for cause in experiment.run().causes}
     missing = [cause for cause in DOCUMENTED if cause not in shown]
-    return Verdict(
+    return Feedback(
         not missing,
         f"{len(DOCUMENTED) - len(missing)} of {len(DOCUMENTED)} failures"
         + (f"; still missing: {', '.join(missing)}." if missing else ", the collection is complete."),
     )
 
 
-def check_rounding(rounded: Callable[[int, int], tuple[int, int]]) -> Verdict:
+def check_rounding(rounded: Callable[[int, int], tuple[int, int]]) -> Feedback:
     """Exercise 2: what to pass to a clean that works on whole lines and does not round by itself, for a buffer anywhere."""
     cache = Cache(stm32f767())
     dma = Dma(cache.memory)
@@ -38,19 +38,19 @@ def check_rounding(rounded: Callable[[int, int], tuple[int, int]]) -> Verdict:
             address, where = BUFFER + offset, f"for the buffer at {BUFFER + offset:#x} with size {size}"
             start, length = rounded(address, size)
             if start % LINE or length < 0:
-                return Verdict(False, f"{where} you pass {start:#x} and {length}; the address must lie on a line.")
+                return Feedback(False, f"{where} you pass {start:#x} and {length}; the address must lie on a line.")
             cache.log.clear()
             cache.write(address, bytes((offset + size + n) % 255 + 1 for n in range(size)))
             wanted = cache.load(address, size)
             done = cache.clean(start, length, round_size=False)
             stale = sum(a != b for a, b in zip(dma.read(address, size).data, wanted))
             if stale:
-                return Verdict(False, f"{where} the DMA got {stale} stale bytes.")
+                return Feedback(False, f"{where} the DMA got {stale} stale bytes.")
             needed = len(cache.geometry.span(address, size))
             if done.lines is not None and len(done.lines) > needed:
-                return Verdict(False, f"{where} you clean {len(done.lines)} lines, {needed} would do.")
+                return Feedback(False, f"{where} you clean {len(done.lines)} lines, {needed} would do.")
             cache.clean_invalidate()
-    return Verdict(True, f"right for all {LINE} offsets and all sizes up to {2 * LINE + 1} bytes, and never a line too many.")
+    return Feedback(True, f"right for all {LINE} offsets and all sizes up to {2 * LINE + 1} bytes, and never a line too many.")
 
 
 class _BusyDma(Dma):
@@ -66,7 +66,7 @@ class _BusyDma(Dma):
         return super().write(address + half, data[half:])
 
 
-def check_receive_driver(driver: Callable[[Cache, Dma, int, bytes], bytes]) -> Verdict:
+def check_receive_driver(driver: Callable[[Cache, Dma, int, bytes], bytes]) -> Feedback:
     """Exercise 3: a driver that receives into two whole lines, correct whatever the cache held and whatever happens meanwhile."""
     for held in ("nothing", "a clean copy", "a dirty copy"):
         for event in ("nothing happens", "the CPU prefetches the buffer", "the buffer is evicted"):
@@ -83,21 +83,21 @@ def check_receive_driver(driver: Callable[[Cache, Dma, int, bytes], bytes]) -> V
             scene = f"the cache held {held} of the buffer and {event} during the transfer"
             wrong = violations(cache.log)
             if wrong:
-                return Verdict(False, f"{scene}: {wrong[0].cause} ({CAUSES[wrong[0].cause]}).")
+                return Feedback(False, f"{scene}: {wrong[0].cause} ({CAUSES[wrong[0].cause]}).")
             transfers = [n for n, record in enumerate(cache.log) if isinstance(record, Transfer) and record.op == "dma write"]
             later = cache.log[transfers[-1] :] if transfers else []
             read = sum(record.size for record in later if getattr(record, "op", "") == "read" and record.address >= BUFFER)
             if not cache.enabled:
-                return Verdict(False, "the cache is off when your driver ends; everybody else pays for that.")
+                return Feedback(False, "the cache is off when your driver ends; everybody else pays for that.")
             if got != FRAME or read < len(FRAME):
-                return Verdict(
+                return Feedback(
                     False,
                     f"{scene}: your driver has to call dma.write(...) and to return what the CPU then reads, cache.load(...).",
                 )
-    return Verdict(True, "right in all nine scenes: three states of the cache, three things that happen meanwhile.")
+    return Feedback(True, "right in all nine scenes: three states of the cache, three things that happen meanwhile.")
 
 
-def check_region(region: MpuRegion) -> Verdict:
+def check_region(region: MpuRegion) -> Feedback:
     """Exercise 4: an MPU region over lwIP's heap, and no more, with which the driver as generated sends from any address."""
     memory, heap = stm32f767((region,)), HEAPS["sram1"]
     kinds = {memory.attribute(at) for at in range(heap, heap + HEAP_SIZE, LINE)}
@@ -105,12 +105,12 @@ def check_region(region: MpuRegion) -> Verdict:
         try:
             said = agent(send((region,), "generated", heap + offset).received)
         except ValueError as error:
-            return Verdict(False, f"the CPU cannot even write the packet: {error}.")
+            return Feedback(False, f"the CPU cannot even write the packet: {error}.")
         if said != "session established":
-            return Verdict(False, f"the message lies at {heap + offset:#x}, and the agent says {said!r}.")
+            return Feedback(False, f"the message lies at {heap + offset:#x}, and the agent says {said!r}.")
     if any(kind.cacheable or kind.device for kind in kinds):
         names = ", ".join(sorted(kind.name for kind in kinds))
-        return Verdict(False, f"the heap is now {names}; all of it should be normal memory, not cacheable.")
+        return Feedback(False, f"the heap is now {names}; all of it should be normal memory, not cacheable.")
     if any(memory.attribute(at) != WRITE_BACK for at in (heap - LINE, heap + HEAP_SIZE)):
-        return Verdict(False, "your region covers more than the heap; its neighbours lose the cache without need.")
-    return Verdict(True, "the session is established without a single cache operation, and only the heap pays for it.")
+        return Feedback(False, "your region covers more than the heap; its neighbours lose the cache without need.")
+    return Feedback(True, "the session is established without a single cache operation, and only the heap pays for it.")

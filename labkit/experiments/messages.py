@@ -9,7 +9,7 @@ import numpy as np
 from annotated_types import Interval, MultipleOf, Unit
 from typing_extensions import Doc
 
-from labkit.experiment import Experiment, Labels, Metric, Verdict
+from labkit.experiment import Experiment, Labels, Metric, Feedback
 from labkit.figures.activity import Steps, activity
 from labkit.figures.style import BLUE, GREEN, VERMILION
 from labkit.kernel import Costs, Kernel, Run
@@ -236,16 +236,16 @@ class SignalLab(Experiment):
         ]
 
 
-def check_shortest_queue(answer: QueueLab) -> Verdict:
+def check_shortest_queue(answer: QueueLab) -> Feedback:
     """Exercise 4: the shortest queue that loses nothing in 60 ms for a producer of 2 ms and a consumer of 3 ms."""
     given = QueueLab(length=answer.length)
     if answer != given:
-        return Verdict(False, "change the length only; period, work, mode and priority stay as they are.")
+        return Feedback(False, "change the length only; period, work, mode and priority stay as they are.")
     lost = len(given.run().dropped)
     if lost:
-        return Verdict(False, f"a queue of {answer.length} loses {lost} items.")
+        return Feedback(False, f"a queue of {answer.length} loses {lost} items.")
     shorter = answer.length > 1 and not len(QueueLab(length=answer.length - 1).run().dropped)
-    return Verdict(
+    return Feedback(
         not shorter,
         f"a queue of {answer.length} loses nothing{', but a shorter one neither' if shorter else ', and one less loses something'}.",
     )

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 from annotated_types import Interval, Unit
 from typing_extensions import Doc
 
-from labkit.experiment import Experiment, Labels, Metric, Verdict
+from labkit.experiment import Experiment, Labels, Metric, Feedback
 from labkit.figures.timeline import Panel, timeline
 from labkit.kernel import Kernel, Run
 from labkit.scheduler.analysis import CriticalSection, blocking_bounds
@@ -346,25 +346,25 @@ PATHFINDER = {"bc_sched": 4, "bc_dist": 3, "comm": 2, "ASI_MET": 1}
 # Exercises: each asks the model
 
 
-def check_harmless_inversion(answer: PriorityInversion) -> Verdict:
+def check_harmless_inversion(answer: PriorityInversion) -> Feedback:
     """Exercise 1: releases at which the semaphore costs H nothing, although M interferes at least 10 ms and L holds at least 6 ms."""
     if answer.interference < 10 or answer.hold < 6:
-        return Verdict(False, "keep hold at 6 ms or more and interference at 10 ms or more; only the releases are yours to move.")
+        return Feedback(False, "keep hold at 6 ms or more and interference at 10 ms or more; only the releases are yours to move.")
     blocked = answer.run()[0].blocked
-    return Verdict(blocked == 0, f"with the semaphore H is blocked for {blocked:g} ms; it should be 0.")
+    return Feedback(blocked == 0, f"with the semaphore H is blocked for {blocked:g} ms; it should be 0.")
 
 
-def check_bound_reached(answer: PriorityInversion) -> Verdict:
+def check_bound_reached(answer: PriorityInversion) -> Feedback:
     """Exercise 2: a setting in which the measured blocking under FreeRTOS's mutex is within 1 ms of its bound."""
     if answer.protocol != "freertos":
-        return Verdict(False, "choose protocol='freertos'.")
+        return Feedback(False, "choose protocol='freertos'.")
     blocked, bound = answer.run()[1].blocked, answer.bound("freertos")
-    return Verdict(
+    return Feedback(
         bound - blocked <= 1, f"H is blocked for {blocked:g} ms, the bound is {bound} ms; at most 1 ms may be missing."
     )
 
 
-def check_prompt_middle(answer: NestedMutexes) -> Verdict:
+def check_prompt_middle(answer: NestedMutexes) -> Feedback:
     """Exercise 3: keep L's work, but let M answer under FreeRTOS as early as under the textbook's protocol."""
     start = NestedMutexes()
     if (answer.both, answer.second, answer.release_H, answer.release_M) != (
@@ -373,6 +373,6 @@ def check_prompt_middle(answer: NestedMutexes) -> Verdict:
         start.release_H,
         start.release_M,
     ):
-        return Verdict(False, "change the order of the gives only; work and releases stay as they are.")
+        return Feedback(False, "change the order of the gives only; work and releases stay as they are.")
     late = answer.measure("M delayed by the late drop")
-    return Verdict(late <= 0, f"the late drop costs M {late:g} ms.")
+    return Feedback(late <= 0, f"the late drop costs M {late:g} ms.")

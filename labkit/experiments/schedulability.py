@@ -10,7 +10,7 @@ import numpy as np
 from annotated_types import Interval, MultipleOf, Unit
 from typing_extensions import Doc
 
-from labkit.experiment import Experiment, Labels, Metric, Verdict
+from labkit.experiment import Experiment, Labels, Metric, Feedback
 from labkit.figures.margins import Response, responses
 from labkit.figures.schedule import Panel, schedule
 from labkit.scheduler.analysis import (
@@ -290,41 +290,41 @@ class StarvedPair(Experiment):
         ]
 
 
-def check_rm_misses(answer: Schedules) -> Verdict:
+def check_rm_misses(answer: Schedules) -> Feedback:
     """Exercise 1: RM misses, EDF does not, with a worst-case utilisation of at most 92 %."""
     if answer.work != "worst":
-        return Verdict(False, "let every job take its C: a set is judged by its worst case.")
+        return Feedback(False, "let every job take its C: a set is judged by its worst case.")
     load, result = 100 * float(utilization(answer.tasks())), answer.run()
     rm, edf = (count(result[policy], "miss") for policy in ("rm", "edf"))
     told = f"utilisation {load:.1f} %, {rm} misses under RM, {edf} under EDF"
     if edf or not rm:
-        return Verdict(False, f"{told}; RM is to miss and EDF not.")
-    return Verdict(load <= 92, f"{told}{'' if load <= 92 else '; find a set of at most 92 %'}.")
+        return Feedback(False, f"{told}; RM is to miss and EDF not.")
+    return Feedback(load <= 92, f"{told}{'' if load <= 92 else '; find a set of at most 92 %'}.")
 
 
-def check_beyond_the_bounds(tasks: Iterable[PeriodicTask]) -> Verdict:
+def check_beyond_the_bounds(tasks: Iterable[PeriodicTask]) -> Feedback:
     """Exercise 2: three tasks with a utilisation of at least 97 % that neither bound accepts and RM schedules."""
     tasks = rate_monotonic(tasks)
     load = 100 * float(utilization(tasks))
     if len(tasks) != 3 or load < 97:
-        return Verdict(False, f"{len(tasks)} tasks with a utilisation of {load:.1f} %; give three with 97 % or more.")
+        return Feedback(False, f"{len(tasks)} tasks with a utilisation of {load:.1f} %; give three with 97 % or more.")
     accepting = [v.test for v in (liu_layland_test(tasks), hyperbolic_test(tasks)) if v.accepted]
     if accepting:
-        return Verdict(False, f"{' and '.join(accepting)} accept it.")
+        return Feedback(False, f"{' and '.join(accepting)} accept it.")
     exact = response_time_test(tasks)
-    return Verdict(
+    return Feedback(
         exact.accepted,
         f"{load:.1f} %; both bounds reject it, and exact analysis {'accepts it' if exact.accepted else 'too'}: {exact.why}.",
     )
 
 
-def check_fed_pair(answer: StarvedPair) -> Verdict:
+def check_fed_pair(answer: StarvedPair) -> Feedback:
     """Exercise 4: the longest exception part of task 2 with which nobody starves, all else as given."""
     if answer != StarvedPair(EP2=answer.EP2):
-        return Verdict(False, "change EP2 only.")
+        return Feedback(False, "change EP2 only.")
     hungry = len(answer.starved(answer.run()))
     if hungry or not taft_test(answer.pairs()).accepted:
-        return Verdict(False, f"with an exception part of {answer.EP2} ms {hungry} main parts get less than their expected time.")
+        return Feedback(False, f"with an exception part of {answer.EP2} ms {hungry} main parts get less than their expected time.")
     longer = StarvedPair(EP2=answer.EP2 + 1)
     more = taft_test(longer.pairs()).accepted
-    return Verdict(not more, f"{answer.EP2} ms is safe{', but so is 1 ms more' if more else ', and 1 ms more is not'}.")
+    return Feedback(not more, f"{answer.EP2} ms is safe{', but so is 1 ms more' if more else ', and 1 ms more is not'}.")

@@ -11,7 +11,7 @@ from annotated_types import Interval, MultipleOf, Unit
 from typing_extensions import Doc
 
 from labkit.data import published_table
-from labkit.experiment import Experiment, Metric, Verdict
+from labkit.experiment import Experiment, Metric, Feedback
 from labkit.figures.phases import activity_stack, periods_gantt, plan, verdict_grid
 from labkit.phases.designs import DESIGNS, DesignRun, phase_times, run_design
 from labkit.phases.laser_chain import CONTOUR, MS, Experiment1, experiment_1, laser_chain, laser_load
@@ -245,20 +245,20 @@ class Timeliness(Experiment):
 # Exercises: each asks the model
 
 
-def check_period(period_ms: int) -> Verdict:
+def check_period(period_ms: int) -> Feedback:
     """Exercise 1: the shortest whole period for the chain of table 5 with 2 ms for the clock."""
 
     def fits(ms: int) -> bool:
         return not isinstance(PhaseWindows(period=ms).run(), str)
 
     if not isinstance(period_ms, int) or not 60 <= period_ms <= 200:
-        return Verdict(False, "give a whole number of ms between 60 and 200.")
+        return Feedback(False, "give a whole number of ms between 60 and 200.")
     if not fits(period_ms):
-        return Verdict(False, str(PhaseWindows(period=period_ms).run()) + ".")
-    return Verdict(not fits(period_ms - 1), f"{period_ms} ms fits{'' if not fits(period_ms - 1) else ', and so does 1 ms less'}.")
+        return Feedback(False, str(PhaseWindows(period=period_ms).run()) + ".")
+    return Feedback(not fits(period_ms - 1), f"{period_ms} ms fits{'' if not fits(period_ms - 1) else ', and so does 1 ms less'}.")
 
 
-def check_few_aborts(answer: Timeliness | None) -> Verdict:
+def check_few_aborts(answer: Timeliness | None) -> Feedback:
     """Exercise 2: at most 20 aborted periods at the source's run times in a period of 100 ms; None says that there is no such answer."""
 
     def aborted(ecet: int) -> int:
@@ -267,23 +267,23 @@ def check_few_aborts(answer: Timeliness | None) -> Verdict:
     longest = max(ms for ms in range(5, 61) if not isinstance(PhaseWindows(arcs_ecet=ms).run(), str))
     if answer is None:
         least = min(aborted(ms) for ms in range(longest - 3, longest + 1))
-        return Verdict(
+        return Feedback(
             least > 20, f"the longest expected time that fits is {longest} ms, and the fewest aborted periods are {least}."
         )
     if answer != Timeliness(arcs_ecet=answer.arcs_ecet):
-        return Verdict(False, "change arcs_ecet only.")
+        return Feedback(False, "change arcs_ecet only.")
     if answer.arcs_ecet > longest:
-        return Verdict(False, f"an expected time of {answer.arcs_ecet} ms does not fit into 100 ms; {longest} ms is the longest.")
+        return Feedback(False, f"an expected time of {answer.arcs_ecet} ms does not fit into 100 ms; {longest} ms is the longest.")
     count = aborted(answer.arcs_ecet)
-    return Verdict(count <= 20, f"{count} aborted periods; at most 20 are allowed.")
+    return Feedback(count <= 20, f"{count} aborted periods; at most 20 are allowed.")
 
 
-def check_chain(chain: list[Part], period_ms: int, seed: int = 1) -> Verdict:
+def check_chain(chain: list[Part], period_ms: int, seed: int = 1) -> Feedback:
     """Exercise 3: your own chain, run for 300 periods with every main part between half and twice its expected time."""
     try:
         windows(chain, period_ms * MS)
     except ValueError as error:
-        return Verdict(False, f"{error}.")
+        return Feedback(False, f"{error}.")
     rng = np.random.default_rng(seed)
     load = np.stack([rng.integers(p.ecet_ns // 2, 2 * p.ecet_ns, 300) for p in chain], axis=1)
     run = run_design(chain, "taft windows", load, period_ms * MS)
@@ -291,7 +291,7 @@ def check_chain(chain: list[Part], period_ms: int, seed: int = 1) -> Verdict:
     broken = [g.why for g in run.guarantees if not g.kept]
     share = (times.aborted >= 0).mean()
     use = 100 * (times.main.sum() + times.exception.sum()) / run.trace.end
-    return Verdict(
+    return Feedback(
         not broken and len(phases_of(chain)) >= 3,
         f"{len(phases_of(chain))} phases, {100 * share:.0f} % of all main parts aborted, processor "
         f"used to {use:.0f} %, " + (f"broken: {broken[0]}." if broken else "all four guarantees kept."),

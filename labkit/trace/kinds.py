@@ -11,6 +11,7 @@ ready                                            value: current priority
 create                                           value: base priority
 done
 release                                          value: nominal release time    extra: job number from 0
+deadline                                         value: absolute deadline       extra: job number just released
 complete                                         value: absolute deadline or -1 extra: job number
 abort                                            value: absolute deadline or -1 extra: job number
 miss                                             value: absolute deadline       extra: job number
