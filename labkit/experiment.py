@@ -15,16 +15,19 @@ validation with errors that name field, bound and unit, the hypothesis strategy 
 from __future__ import annotations
 
 import contextvars
+import html
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal, TypeVar, get_args, get_origin
+from functools import cache
+from typing import Any, ClassVar, Generic, Literal, Self, TypeVar, get_args, get_origin
 
 import annotated_types as at
 from pydantic import BaseModel, ConfigDict, ValidationError
 from typing_extensions import Doc
 
 T = TypeVar("T")
+R = TypeVar("R")
 
 
 class ParameterError(ValueError):
@@ -33,6 +36,11 @@ class ParameterError(ValueError):
 
 class Superseded(Exception):
     """Raised inside `progress` when nobody waits for this run any more; never seen outside `explore`."""
+
+
+@dataclass(frozen=True)
+class View:
+    """Marks a parameter that only changes how a result is shown: a step, a time cursor, a choice of panel. It never simulates."""
 
 
 @dataclass(frozen=True)
@@ -97,6 +105,7 @@ class Parameter:
     choices: tuple[Any, ...] = ()
     labels: Mapping[Any, str] | None = None
     max_length: int | None = None
+    view: bool = False
 
     @property
     def label(self) -> str:
@@ -136,6 +145,8 @@ def _parameter(name: str, field: Any) -> Parameter:
                 known["doc"] = item.documentation
             case Labels():
                 known["labels"] = item.text
+            case View():
+                known["view"] = True
     kind = field.annotation
     if get_origin(kind) is Literal:
         known["choices"] = get_args(kind)
@@ -147,22 +158,50 @@ def _parameter(name: str, field: Any) -> Parameter:
     return Parameter(name=name, type=kind, default=field.default, **known)
 
 
-class Experiment(BaseModel):
-    """Base of all experiments. Fields are the parameters; every one has a default, bounds, a unit where it has one, and a `Doc`.
+class Experiment(BaseModel, Generic[R]):
+    """Base of all experiments; `R` is the type of the result. Fields are the parameters; every one has a default, bounds, a unit
+    where it has one, and a `Doc`.
 
-    Every combination of allowed values must run: a bench has no forbidden slider positions.
+    Every combination of allowed values must run: a bench has no forbidden slider positions. The names of the metrics are the
+    same for all of them.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", validate_default=True, allow_inf_nan=False)
 
-    #: True for a run above about 200 ms: `explore` then runs it beside the widgets, shows `progress`, and drops it for a newer value.
+    #: True for a run above about 200 ms: `explore` runs it beside the widgets, shows `progress`, and drops it for a newer value.
     slow: ClassVar[bool] = False
 
     def __init__(self, **values: Any) -> None:
         try:
             super().__init__(**values)
         except ValidationError as error:
-            raise ParameterError("; ".join(self._sentence(e) for e in error.errors())) from None
+            raise self._refused(error) from None
+
+    @classmethod
+    def model_validate(cls, obj: Any, **how: Any) -> Self:
+        """pydantic's own door, with the errors of this one. Raises ParameterError."""
+        try:
+            return super().model_validate(obj, **how)
+        except ValidationError as error:
+            raise cls._refused(error) from None
+
+    def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
+        """A copy; changes are validated, which pydantic leaves out. Raises ParameterError."""
+        return self.replace(**(update or {}))
+
+    def replace(self, **changes: Any) -> Self:
+        """The same experiment with other values of some parameters: the only way to a neighbour. Raises ParameterError."""
+        return type(self)(**{**self.model_dump(), **changes})
+
+    def same_run(self, other: Experiment[Any]) -> bool:
+        """Whether the other one has the same result: it differs at most in how that is shown, in parameters marked `View`."""
+        return type(self) is type(other) and all(
+            getattr(self, p.name) == getattr(other, p.name) for p in self.parameters() if not p.view
+        )
+
+    @classmethod
+    def _refused(cls, error: ValidationError) -> ParameterError:
+        return ParameterError("; ".join(cls._sentence(e) for e in error.errors()))
 
     @classmethod
     def _sentence(cls, error: Mapping[str, Any]) -> str:
@@ -185,6 +224,7 @@ class Experiment(BaseModel):
         return (cls.__doc__ or cls.__name__).strip().splitlines()[0]
 
     @classmethod
+    @cache
     def parameters(cls) -> tuple[Parameter, ...]:
         """The declared fields, in order."""
         return tuple(_parameter(name, field) for name, field in cls.model_fields.items())
@@ -201,6 +241,7 @@ class Experiment(BaseModel):
                 return st.booleans()
             if p.type is str:
                 return st.just(p.default)  # free text has a grammar of its own, fuzzed where that grammar is
+            assert p.low is not None and p.high is not None, "a number has bounds"
             if p.step is not None or p.type is int:
                 step = p.step or 1
                 first, last = -(-p.low // step), p.high // step
@@ -214,24 +255,30 @@ class Experiment(BaseModel):
         changed = [(p, getattr(self, p.name)) for p in self.parameters()]
         return f"{type(self).__name__}({', '.join(f'{p.name}={v!r}' for p, v in changed if v != p.default)})"
 
-    def run(self) -> Any:
-        """The result; a pure function of the parameters."""
+    def run(self) -> R:
+        """The result; a pure function of the parameters that are not marked `View`."""
         raise NotImplementedError
 
-    def figure(self, result: Any) -> dict[str, Any]:
-        """A plotly figure as a dict with `data` and `layout`. The same number and types of traces for every result.
+    def figure(self, result: R) -> dict[str, Any]:
+        """A plotly figure as a dict with `data` and `layout`, drawn from the result; simulates nothing. The same number and types
+        of traces for every result.
 
         A trace whose points can be clicked carries `meta={"set": [...]}`, for each point the parameters that a click on it sets.
+        A layout with `meta={"range": (first, last)}` names the two parameters that a zoom or pan of the x axis sets.
         """
         raise NotImplementedError
 
-    def metrics(self, result: Any) -> Sequence[Metric]:
+    def metrics(self, result: R) -> Sequence[Metric]:
         """The numbers of the result that are worth a line."""
         raise NotImplementedError
 
+    def values(self) -> dict[str, Any]:
+        """All metrics of one run, by name."""
+        return {metric.name: metric.value for metric in self.metrics(self.run())}
+
     def measure(self, metric: str) -> Any:
         """Run and return the value of one metric by its name."""
-        found = {m.name: m.value for m in self.metrics(self.run())}
+        found = self.values()
         if metric not in found:
             raise ParameterError(f"{self.name()} has no metric {metric!r}; it has {', '.join(found)}")
         return found[metric]
@@ -245,7 +292,9 @@ progress_listener: contextvars.ContextVar[Callable[[float], None]] = contextvars
 
 def progress(items: Iterable[T], total: int | None = None) -> Iterator[T]:
     """Iterate inside a slow `run`; whoever shows the run learns how far it is and can stop it here."""
-    total = total or len(items)  # type: ignore[arg-type]
+    if total is None:
+        items = list(items)
+        total = len(items)
     tell = progress_listener.get()
     for done, item in enumerate(items):
         tell(done / total)
@@ -265,4 +314,5 @@ class Feedback:
 
     def _repr_html_(self) -> str:
         colour, mark = ("#009E73", "✓") if self.solved else ("#D55E00", "✗")
-        return f'<p style="border-left:6px solid {colour};padding:6px 12px;font-size:1.1em"><b>{mark}</b> {self.text}</p>'
+        style = f"border-left:6px solid {colour};padding:6px 12px;font-size:1.1em"
+        return f'<p style="{style}"><b>{mark}</b> {html.escape(self.text)}</p>'

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 def sweep(
-    experiment: type[Experiment] | Experiment, *, client: Any = None, workers: int = 1, **axes: Iterable[Any]
+    experiment: type[Experiment[Any]] | Experiment[Any], *, client: Any = None, workers: int = 1, **axes: Iterable[Any]
 ) -> pd.DataFrame:
     """Run every combination of the values in `axes`; one row each, with the swept parameters and all metrics as columns.
 
@@ -37,30 +37,29 @@ def sweep(
     points = [dict(zip(axes, values, strict=True)) for values in product(*axes.values())]
     experiments = [cls(**{**kept, **point}) for point in points]
     rows = [
-        point | numbers
-        for point, numbers in zip(points, progress(_results(experiments, client, workers), len(points)), strict=True)
+        point | values
+        for point, values in zip(points, progress(_results(experiments, client, workers), len(points)), strict=True)
     ]
     return pd.DataFrame(rows)
 
 
-def numbers(experiment: Experiment) -> dict[str, Any]:
-    """All metrics of one run by name."""
-    return {metric.name: metric.value for metric in experiment.metrics(experiment.run())}
-
-
-def _results(experiments: list[Experiment], client: Any, workers: int) -> Iterator[dict[str, Any]]:
+def _results(experiments: list[Experiment[Any]], client: Any, workers: int) -> Iterator[dict[str, Any]]:
     """Results in order, each as soon as it is there."""
     if client is not None:
-        futures = client.map(numbers, experiments, pure=False)
+        futures = client.map(_values, experiments, pure=False)
         yield from (future.result() for future in futures)
     elif workers == 1:
-        yield from map(numbers, experiments)
+        yield from map(_values, experiments)
     else:
         from concurrent.futures import ProcessPoolExecutor
         from multiprocessing import get_context
 
         with ProcessPoolExecutor(workers, get_context("spawn")) as pool:  # a fork of a notebook kernel with its threads may hang
             try:
-                yield from pool.map(numbers, experiments, chunksize=max(1, len(experiments) // (8 * workers)))
+                yield from pool.map(_values, experiments, chunksize=max(1, len(experiments) // (8 * workers)))
             finally:
                 pool.shutdown(cancel_futures=True)
+
+
+def _values(experiment: Experiment[Any]) -> dict[str, Any]:
+    return experiment.values()
