@@ -101,9 +101,9 @@ def _trace(args: argparse.Namespace) -> None:
 
 
 def _replay(args: argparse.Namespace) -> None:
-    from labkit.kernel import read_scenario, replay, write_events, write_timeline
+    from labkit.kernel import read_scenario, run_scenario, write_events, write_timeline
 
-    run = replay(read_scenario(args.scenario))
+    run = run_scenario(read_scenario(args.scenario))
     for path, write in ((args.timeline, write_timeline), (args.events, write_events)):
         if path:
             with open(path, "w", encoding="utf-8", newline="") as file:

@@ -4,7 +4,7 @@ from labkit.kernel.costs import Costs
 from labkit.kernel.kernel import Kernel
 from labkit.kernel.report import RuntimeStats, TaskList, runtime_stats, task_list
 from labkit.kernel.run import Run, TaskInfo, Wait
-from labkit.kernel.scenario import Scenario, read_scenario, replay, write_events, write_timeline
+from labkit.kernel.scenario import Scenario, read_scenario, run_scenario, write_events, write_timeline
 
 __all__ = [
     "Costs",
@@ -16,7 +16,7 @@ __all__ = [
     "TaskList",
     "Wait",
     "read_scenario",
-    "replay",
+    "run_scenario",
     "runtime_stats",
     "task_list",
     "write_events",

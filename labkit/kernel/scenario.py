@@ -235,7 +235,7 @@ def _integer(value: Any, what: str, least: int, most: int) -> int:
     return value
 
 
-def replay(scenario: Scenario, protocol: str = "freertos") -> Run:
+def run_scenario(scenario: Scenario, protocol: str = "freertos") -> Run:
     """Run a scenario to its end tick, under one protocol for all its mutexes; ceilings are those of the tasks that use them.
 
     Errors: ValueError as from `Kernel.run`.

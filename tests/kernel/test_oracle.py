@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from labkit.kernel import read_scenario, replay, write_events, write_timeline
+from labkit.kernel import read_scenario, run_scenario, write_events, write_timeline
 
 RECORDINGS = sorted((Path(__file__).parents[1] / "oracle" / "freertos").glob("*.json"))
 
@@ -16,7 +16,7 @@ def test_all_recordings_are_here():
 
 @pytest.mark.parametrize("scenario", RECORDINGS, ids=lambda path: path.stem)
 def test_the_model_does_what_the_real_kernel_did(scenario):
-    run = replay(read_scenario(scenario))
+    run = run_scenario(read_scenario(scenario))
     timeline, events = io.StringIO(), io.StringIO()
     write_timeline(run, timeline)
     write_events(run, events)

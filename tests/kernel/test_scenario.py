@@ -3,13 +3,14 @@
 import copy
 import json
 from collections import deque
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from labkit.kernel import read_scenario, replay
+from labkit.kernel import read_scenario, run_scenario
 from labkit.trace.folds import holds, runs
 from labkit.trace.kinds import KINDS
 
@@ -34,14 +35,14 @@ def test_a_scenario_can_be_a_mapping_or_a_file(tmp_path):
     file = tmp_path / "good.json"
     file.write_text(json.dumps(GOOD))
     assert read_scenario(file) == read_scenario(str(file)) == read_scenario(GOOD)
-    assert replay(read_scenario(GOOD)).trace.end == 20
+    assert run_scenario(read_scenario(GOOD)).trace.end == 20
 
 
 def test_a_scenario_can_be_replayed_under_each_protocol():
     recorded = read_scenario(Path(__file__).parents[1] / "oracle" / "freertos" / "02_inversion_mutex.json")
 
     def taken_at(protocol):
-        return [time for time, kind, task, *_ in rows(replay(recorded, protocol)) if kind == "take" and task == "H"]
+        return [time for time, kind, task, *_ in rows(run_scenario(recorded, protocol)) if kind == "take" and task == "H"]
 
     assert taken_at("inheritance") == taken_at("ceiling") == taken_at("freertos")
     assert taken_at("none") > taken_at("freertos")
@@ -233,8 +234,8 @@ protocols = st.sampled_from(("freertos", "none", "inheritance"))
 @given(scenarios(), protocols)
 @settings(max_examples=60, deadline=None)
 def test_what_holds_for_every_scenario(scenario, protocol):
-    run = replay(scenario, protocol)
-    assert replay(scenario, protocol).trace.rows().tolist() == run.trace.rows().tolist()
+    run = run_scenario(scenario, protocol)
+    assert run_scenario(scenario, protocol).trace.rows().tolist() == run.trace.rows().tolist()
 
     timeline = runs(run.trace)
     assert timeline[0, 1] == 0 and timeline[-1, 2] == scenario.end_tick
@@ -243,7 +244,7 @@ def test_what_holds_for_every_scenario(scenario, protocol):
     for lock in ("M1", "M2", "R"):
         if not own_mutex_twice(scenario):
             held = [(start, end) for _, code, start, end in holds(run.trace).tolist() if run.trace.names[code] == lock]
-            assert all(end <= start for (_, end), (start, _) in zip(held, held[1:], strict=False))
+            assert all(end <= start for (_, end), (start, _) in pairwise(held))
 
     queues = {"Q": deque(), "B": deque()}
     for _, kind, _, other, value, extra in rows(run):
@@ -269,7 +270,7 @@ def test_what_holds_for_every_scenario(scenario, protocol):
 def test_no_task_runs_below_a_ready_one(scenario, protocol):
     """Holds for every protocol but FreeRTOS's own (rule 17)."""
     ready, running, before = {}, None, 0
-    for time, kind, task, other, value, extra in rows(replay(scenario, protocol)):
+    for time, kind, task, other, value, extra in rows(run_scenario(scenario, protocol)):
         if time > before:
             assert ready[running] == max(ready.values())
             before = time
@@ -289,7 +290,7 @@ def test_textbook_priority_is_the_maximum_of_base_and_waiters(scenario):
     """At every instant a holder runs at least as high as anyone who waits for its lock."""
     priority, base, waiting, held = {}, {}, {}, {}
     before = 0
-    for time, kind, task, other, value, _ in rows(replay(scenario, "inheritance")):
+    for time, kind, task, other, value, _ in rows(run_scenario(scenario, "inheritance")):
         if time > before:
             for waiter, lock in waiting.items():
                 if lock in held and held[lock] != waiter:
