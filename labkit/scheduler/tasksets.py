@@ -4,18 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
+from labkit.scheduler.checks import whole
 
-def _whole(task: Any, field: str, least: int) -> None:
-    value = getattr(task, field)
-    if isinstance(value, bool) or not isinstance(value, int | np.integer):
-        raise ValueError(f"task {task.name!r}: {field} must be a whole number of time units, not {value!r}")
-    if value < least:
-        raise ValueError(f"task {task.name!r}: {field} is {value}; it must be at least {least}")
-    object.__setattr__(task, field, int(value))  # no numpy integers: they overflow silently
+Kind = TypeVar("Kind", "PeriodicTask", "TaskPair", "PeriodicTask | TaskPair")
+
+
+def _settle(task: Any, **least: int) -> None:
+    """Fill in the deadline of a new task, and see that its times are whole numbers of at least so much each."""
+    if task.deadline is None:
+        object.__setattr__(task, "deadline", task.period)
+    for field, bound in least.items():
+        object.__setattr__(task, field, whole(getattr(task, field), bound, f"task {task.name!r}: {field}"))
 
 
 @dataclass(frozen=True)
@@ -35,15 +38,12 @@ class PeriodicTask:
     name: str
     wcet: int
     period: int
-    deadline: int | None = None
+    deadline: int = None  # type: ignore[assignment]  # given as None; an int in every task there is
     jitter: int = 0
     offset: int = 0
 
     def __post_init__(self) -> None:
-        if self.deadline is None:
-            object.__setattr__(self, "deadline", self.period)
-        for field, least in (("wcet", 1), ("period", 1), ("deadline", 1), ("jitter", 0), ("offset", 0)):
-            _whole(self, field, least)
+        _settle(self, wcet=1, period=1, deadline=1, jitter=0, offset=0)
         if self.wcet > self.deadline:
             over = self.wcet - self.deadline
             raise ValueError(f"task {self.name!r}: wcet {self.wcet} exceeds its deadline {self.deadline} by {over}")
@@ -64,14 +64,11 @@ class TaskPair:
     ecet: int
     ep_wcet: int
     period: int
-    deadline: int | None = None
+    deadline: int = None  # type: ignore[assignment]  # given as None; an int in every task there is
     offset: int = 0
 
     def __post_init__(self) -> None:
-        if self.deadline is None:
-            object.__setattr__(self, "deadline", self.period)
-        for field, least in (("ecet", 1), ("ep_wcet", 0), ("period", 1), ("deadline", 1), ("offset", 0)):
-            _whole(self, field, least)
+        _settle(self, ecet=1, ep_wcet=0, period=1, deadline=1, offset=0)
         if self.deadline > self.period:
             raise ValueError(f"task {self.name!r}: deadline {self.deadline} exceeds its period {self.period}; a pair's must not")
         over = self.ecet + self.ep_wcet - self.deadline
@@ -80,15 +77,16 @@ class TaskPair:
             raise ValueError(f"task {self.name!r}: {parts} exceed its deadline {self.deadline} by {over}")
 
 
-def check_names(tasks: Iterable[PeriodicTask | TaskPair]) -> list:
+def check_names(tasks: Iterable[Kind]) -> list[Kind]:
     """The tasks as a list; ValueError if there are none or if two share a name."""
     tasks = list(tasks)
     if not tasks:
         raise ValueError("a task set needs at least one task")
-    names = [task.name for task in tasks]
-    double = next((name for name in names if names.count(name) > 1), None)
-    if double is not None:
-        raise ValueError(f"two tasks are called {double!r}; names must be unique")
+    seen: set[str] = set()
+    for task in tasks:
+        if task.name in seen:
+            raise ValueError(f"two tasks are called {task.name!r}; names must be unique")
+        seen.add(task.name)
     return tasks
 
 
@@ -112,8 +110,7 @@ def uunifast(tasks: int, utilization: float, sets: int, rng: np.random.Generator
     Rows are uniform over the simplex (Bini and Buttazzo 2005, UUniFast), drawn for all sets at once. With a utilisation above 1 a
     single task may exceed 1.
     """
-    if tasks < 1 or sets < 0:
-        raise ValueError(f"cannot draw {sets} sets of {tasks} tasks; at least one task per set and no negative count")
+    tasks, sets = whole(tasks, 1, "the number of tasks in a set"), whole(sets, 0, "the number of sets")
     if not utilization > 0:
         raise ValueError(f"total utilisation is {utilization}; it must be above 0")
     exponents = 1 / np.arange(tasks - 1, 0, -1)

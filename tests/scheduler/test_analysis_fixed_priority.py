@@ -136,9 +136,9 @@ def test_overheads_charge_two_switches_a_job_and_every_tick():
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: PeriodicTask("a", 0, 5), "task 'a': wcet is 0; it must be at least 1"),
+        (lambda: PeriodicTask("a", 0, 5), "task 'a': wcet is 0; a whole number of at least 1 is allowed"),
         (lambda: PeriodicTask("a", 1, 0, 5), "task 'a': period is 0"),
-        (lambda: PeriodicTask("a", 1.5, 5), "wcet must be a whole number of time units, not 1.5"),
+        (lambda: PeriodicTask("a", 1.5, 5), "task 'a': wcet is 1.5; a whole number of at least 1 is allowed"),
         (lambda: PeriodicTask("a", 6, 10, 5), "task 'a': wcet 6 exceeds its deadline 5 by 1"),
         (lambda: response_times([]), "at least one task"),
         (lambda: response_times([PeriodicTask("a", 1, 5)] * 2), "two tasks are called 'a'"),

@@ -195,12 +195,12 @@ def test_the_same_set_under_edf_and_the_file_reads_back():
 @pytest.mark.parametrize(
     ("change", "policy", "message"),
     [
-        ({"period": 0}, "edf", "task 'a': period is 0; it must be at least 1"),
+        ({"period": 0}, "edf", "task 'a': period is 0; a whole number of at least 1 is allowed"),
         ({"wcet": 11}, "rm", "task 'a': wcet 11 exceeds its deadline 10 by 1"),
         ({"wcet": 1}, "taft", "task 'a': ecet 2 exceeds the wcet 1 of its main part by 1"),
         ({"ep_wcet": 9}, "taft", "task 'a': ecet 2 and ep_wcet 9 exceed its deadline 10 by 1"),
         ({"deadline": 12}, "taft", "task 'a': deadline 12 exceeds its period 10"),
-        ({"period": 2.5}, "edf", "task 'a': period must be a whole number of time units, not 2.5"),
+        ({"period": 2.5}, "edf", "task 'a': period is 2.5; a whole number of at least 1 is allowed"),
         ({"times": [3, 0]}, "edf", "task 'a': execution time 0 of job 1"),
         ({"times": []}, "edf", "task 'a': times must be a list"),
         ({"name": "b"}, "edf", "two tasks are called 'b'"),

@@ -1,9 +1,12 @@
 """Random task sets: sums, shapes and uniformity."""
 
+import re
+
 import numpy as np
 import pytest
 
-from labkit.scheduler.tasksets import TaskPair, as_tasks, log_uniform_periods, uunifast, whole_wcets
+from labkit.scheduler.checks import whole
+from labkit.scheduler.tasksets import PeriodicTask, TaskPair, as_tasks, check_names, log_uniform_periods, uunifast, whole_wcets
 
 
 def test_uunifast_rows_add_up_and_are_reproducible():
@@ -50,13 +53,47 @@ def test_drawn_sets_become_tasks_in_priority_order():
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: uunifast(0, 0.5, 1, np.random.default_rng(0)), "at least one task per set"),
+        (
+            lambda: uunifast(0, 0.5, 1, np.random.default_rng(0)),
+            "the number of tasks in a set is 0; a whole number of at least 1 is allowed",
+        ),
         (lambda: uunifast(2, 0.0, 1, np.random.default_rng(0)), "total utilisation is 0.0; it must be above 0"),
         (lambda: log_uniform_periods(2, 1, 9, 3, np.random.default_rng(0)), "periods from 9 to 3"),
         (lambda: TaskPair("scan", 8, 3, 10), "task 'scan': ecet 8 and ep_wcet 3 exceed its deadline 10 by 1"),
-        (lambda: TaskPair("scan", 8, -1, 10), "ep_wcet is -1; it must be at least 0"),
+        (lambda: TaskPair("scan", 8, -1, 10), "ep_wcet is -1; a whole number of at least 0 is allowed"),
     ],
 )
 def test_bad_input_is_named(make, message):
     with pytest.raises(ValueError, match=message):
         make()
+
+
+def test_the_names_of_many_tasks_are_checked_in_time_that_grows_with_their_number():
+    """20 000 tasks took half a minute when each name was sought among all."""
+    looked = [0]
+
+    class Name(str):
+        __slots__ = ()
+        __hash__ = str.__hash__
+
+        def __eq__(self, other):
+            looked[0] += 1
+            return str.__eq__(self, other)
+
+    tasks = [PeriodicTask(Name(f"t{i}"), 1, 10) for i in range(2000)]
+    assert check_names(tasks) == tasks
+    assert looked[0] < 3 * len(tasks)
+    with pytest.raises(ValueError, match="two tasks are called 't7'; names must be unique"):
+        check_names([*tasks, PeriodicTask("t7", 1, 10)])
+
+
+@pytest.mark.parametrize("number", [True, 2.0, "2", None, np.float64(2), -1])
+def test_what_is_no_whole_number_is_refused(number):
+    with pytest.raises(ValueError, match=f"^the share is {re.escape(repr(number))}; a whole number of at least 0 is allowed$"):
+        whole(number, 0, "the share")
+
+
+def test_a_numpy_integer_becomes_a_plain_one():
+    assert type(whole(np.int8(100), 0, "x")) is int
+    with pytest.raises(ValueError, match="^x is 100; a whole number of at least 101 is allowed$"):
+        whole(np.int8(100), 101, "x")
