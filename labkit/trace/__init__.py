@@ -1,21 +1,26 @@
 """What happened: one columnar trace type, readers of logs, statistics, exporters."""
 
 from labkit.trace.export import export_chrome, export_csv, read_csv
+from labkit.trace.jobs import Jobs, Slices, jobs, slices
 from labkit.trace.log import LogError, Problem, Report, read_log
 from labkit.trace.spans import spans
 from labkit.trace.statistics import describe, statistics
 from labkit.trace.trace import Trace
 
 __all__ = [
+    "Jobs",
     "LogError",
     "Problem",
     "Report",
+    "Slices",
     "Trace",
     "describe",
     "export_chrome",
     "export_csv",
+    "jobs",
     "read_csv",
     "read_log",
+    "slices",
     "spans",
     "statistics",
 ]

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from labkit.trace.jobs import outside
 from labkit.trace.kinds import CODE, STATES
 from labkit.trace.trace import Trace
 
@@ -25,7 +26,8 @@ def runs(trace: Trace) -> np.ndarray:
     end = np.append(start[1:], trace.end)
     costs = trace.rows("overhead")
     if len(costs):
-        task, start, end = _without(task, start, end, costs[:, 0], np.minimum(costs[:, 0] + costs[:, 4], trace.end))
+        kept, start, end = outside(start, end, costs[:, 0], costs[:, 0] + costs[:, 4])
+        task = task[kept]
     some = end > start
     task, start, end = task[some], start[some], end[some]
     if not len(task):
@@ -34,18 +36,6 @@ def runs(trace: Trace) -> np.ndarray:
     first[1:] = (task[1:] != task[:-1]) | (start[1:] != end[:-1])
     last = np.append(first[1:], True)
     return np.stack([task[first], start[first], end[last]], axis=1)
-
-
-def _without(task, start, end, cost_start, cost_end) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Cut the (ordered, disjoint) cost intervals out of the (ordered, adjoining) runs."""
-    cuts = np.unique(np.concatenate([start, end, cost_start, cost_end]))
-    left, right = cuts[:-1], cuts[1:]
-    cut_start, cut_end = np.append(cost_start, cuts[-1]), np.append(cost_end, cuts[-1])
-    cost = np.searchsorted(cost_start, left, side="right") - 1
-    kernel = (cost >= 0) & (left < cut_end[cost])
-    owner = np.searchsorted(start, left, side="right") - 1
-    keep = ~kernel & (owner >= 0)
-    return task[owner[keep]], left[keep], right[keep]
 
 
 def overheads(trace: Trace) -> np.ndarray:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -26,6 +26,7 @@ class Trace:
         names: tasks, locks, queues and scopes; `task` and `other` index it, -1 means none.
         hz: time units per second, so 216_000_000 for CPU cycles, 1_000_000 for microseconds.
         start, end: the observed interval, in time units; a run or span still open at `end` is cut there.
+        exception_of: per name the index of the task whose exception part it is, or -1; empty if there is no such part.
     """
 
     time: np.ndarray
@@ -38,24 +39,41 @@ class Trace:
     hz: int
     start: int
     end: int
+    exception_of: tuple[int, ...] = ()
 
     @classmethod
-    def from_rows(cls, rows: Sequence[tuple[int, ...]], names: Iterable[str], hz: int, *, end: int, start: int = 0) -> Trace:
+    def from_rows(
+        cls,
+        rows: Sequence[tuple[int, ...]],
+        names: Iterable[str],
+        hz: int,
+        *,
+        end: int,
+        start: int = 0,
+        exception_of: Iterable[int] = (),
+    ) -> Trace:
         """Build a trace from tuples in the order of `COLUMNS`, already in order of time."""
         table = np.array(rows, dtype=np.int64).reshape(-1, len(COLUMNS))
         if np.any(np.diff(table[:, 0]) < 0):
             at = int(np.argmax(np.diff(table[:, 0]) < 0)) + 1
             late, before = table[at, 0], table[at - 1, 0]
             raise ValueError(f"event {at} at time {late} comes after one at {before}; a trace is in order of time")
-        return cls(*np.ascontiguousarray(table.T), names=tuple(names), hz=hz, start=start, end=end)
+        columns = np.ascontiguousarray(table.T)
+        return cls(*columns, names=tuple(names), hz=hz, start=start, end=end, exception_of=tuple(exception_of))
 
     def __len__(self) -> int:
         return len(self.time)
 
     def rows(self, *kinds: str) -> np.ndarray:
         """The events of these kinds (all of them if none is named) as an int64 array of shape (m, 6)."""
-        table = np.stack([getattr(self, name) for name in COLUMNS], axis=1)
-        return table[np.isin(self.kind, [CODE[k] for k in kinds])] if kinds else table
+        some = np.flatnonzero(self.of(*kinds)) if kinds else slice(None)
+        return np.stack([getattr(self, name)[some] for name in COLUMNS], axis=1)
+
+    def of(self, *kinds: str) -> np.ndarray:
+        """Which events are of these kinds, as a bool array of shape (n,)."""
+        wanted = np.zeros(len(KINDS), bool)
+        wanted[[CODE[kind] for kind in kinds]] = True
+        return wanted[self.kind]
 
     def code(self, name: str) -> int:
         """Index of a task, lock, queue or scope in `names`; ValueError lists the names there are."""
@@ -97,4 +115,5 @@ class Trace:
             cost[:, 4] -= start - cost[:, 0]
             cost[:, 0] = start
             keep = np.vstack([first, cost, keep])
-        return Trace(*np.ascontiguousarray(keep.T), names=self.names, hz=self.hz, start=start, end=end)
+        columns = dict(zip(COLUMNS, np.ascontiguousarray(keep.T), strict=True))
+        return replace(self, **columns, start=start, end=end)

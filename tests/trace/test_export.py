@@ -73,7 +73,7 @@ HEAD = '# {"hz": 1000, "start": 0, "end": 9, "names": ["A"]}\r\ntime,kind,task,o
 def test_what_is_no_such_csv_is_one_clear_error(text, message):
     with pytest.raises(LogError, match=message):
         read_csv(io.StringIO(text, newline=""))
-    with pytest.raises(LogError, match="no/such.csv"):
+    with pytest.raises(LogError, match=r"no/such\.csv"):
         read_csv("no/such.csv")
 
 
