@@ -1,0 +1,124 @@
+"""The kernel's side of what a bench shows: one widget for picture, cards, code line and error, one message per move.
+
+The page's side is plot.js. Numeric arrays travel as binary buffers, nothing is compared or validated here (`Plotly.react` finds
+what differs), and nothing comes back but clicks, ranges and the wish for a reset.
+"""
+
+from __future__ import annotations
+
+import functools
+import gzip
+import importlib.util
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import anywidget
+import numpy as np
+
+from labkit.experiment import Metric
+
+HERE = Path(__file__).parent
+
+#: dtype -> name of JavaScript's typed array. Integers of 64 bits have none there.
+TYPED = {np.dtype(name): name for name in ("float64", "float32", "int32", "uint32", "int16", "uint16", "int8", "uint8")}
+
+
+@functools.cache
+def plotly_js() -> bytes:
+    """plotly's code for the page, compressed, from the plotly package; its Python classes are not imported for that."""
+    spec = importlib.util.find_spec("plotly")
+    assert spec is not None and spec.origin is not None, "plotly is a dependency"
+    return gzip.compress((Path(spec.origin).parent / "package_data" / "plotly.min.js").read_bytes(), 2)
+
+
+def pack(value: Any, buffers: list[memoryview]) -> Any:
+    """A figure dict as JSON can carry it: arrays of numbers go to `buffers`, what is not finite becomes None."""
+    if isinstance(value, dict):
+        return {key: pack(each, buffers) for key, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [pack(each, buffers) for each in value]
+    if isinstance(value, np.ndarray):
+        return _array(value, buffers)
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, float) and not np.isfinite(value):
+        return None
+    return value
+
+
+def _array(array: np.ndarray, buffers: list[memoryview]) -> Any:
+    if array.dtype.kind == "b":
+        array = array.astype(np.uint8)
+    elif array.dtype in (np.int64, np.uint64):
+        small = not array.size or (int(array.min()) >= -(2**31) and int(array.max()) < 2**31)
+        array = array.astype(np.int32 if small else np.float64)
+    if array.dtype not in TYPED or array.ndim not in (1, 2) or not array.size:
+        return pack(array.tolist(), buffers)
+    buffers.append(np.ascontiguousarray(array).data.cast("B"))
+    return {"$array": len(buffers) - 1, "dtype": TYPED[array.dtype], "shape": list(array.shape)}
+
+
+def cards(metrics: Sequence[Metric]) -> list[dict[str, Any]]:
+    """What the page writes on the card of each metric."""
+    return [
+        {
+            "name": m.name,
+            "text": m.text(),
+            "beside": [
+                f"{word} {Metric('', value, m.unit).text()}"
+                for word, value in (("bound", m.bound), ("published", m.published))
+                if value is not None
+            ],
+            "good": None if m.good is None else bool(m.good),
+            "note": m.note,
+        }
+        for m in metrics
+    ]
+
+
+class Plot(anywidget.AnyWidget):
+    """The picture with its cards, code line and error. `answer` gets what the page sends: reset, click or range."""
+
+    _esm = HERE / "plot.js"
+    _css = HERE / "plot.css"
+
+    def __init__(self, answer: Callable[[dict[str, Any]], None]) -> None:
+        super().__init__()
+        self._answer = answer
+        self._shown: dict[str, Any] | None = None
+        self._status: dict[str, Any] = {"error": "", "where": "", "progress": None}
+        self._awaited = False  # until a page has asked, whatever is sent is lost
+        self.on_msg(self._received)
+
+    def show(self, figure: dict[str, Any], metrics: Sequence[Metric], code: str) -> None:
+        """Draw all of it, and nothing is wrong or under way any more."""
+        self._shown = {"figure": figure, "cards": cards(metrics), "code": code}
+        self._status = {"error": "", "where": "", "progress": None}
+        self._send_all()
+
+    def tell(self, error: str = "", where: str = "", progress: float | None = None) -> None:
+        """Say what went wrong (with its place in the code) or how far a run is, beside a picture that is then not current."""
+        self._status = {"error": error, "where": where, "progress": progress}
+        if self._awaited:
+            self.send({"kind": "status", "status": self._status})
+
+    def _send_all(self) -> None:
+        if not self._awaited:
+            return
+        if self._shown is None:
+            self.send({"kind": "status", "status": self._status})
+            return
+        buffers: list[memoryview] = []
+        figure = pack(self._shown["figure"], buffers)
+        self.send({"kind": "show", **self._shown, "figure": figure, "status": self._status}, buffers)
+
+    def _received(self, _: Any, content: dict[str, Any], __: Any) -> None:
+        match content:
+            case {"want": "plotly"}:
+                self.send({"kind": "plotly"}, [plotly_js()])
+            case {"want": "state"}:
+                self._awaited = True
+                self._send_all()
+            case _:
+                self._answer(content)
