@@ -5,7 +5,7 @@ traces; `timing` turns counts into cycles; `violations` finds where a program re
 """
 
 from labkit.cache.cache import Cache
-from labkit.cache.coherence import Violation, violations
+from labkit.cache.coherence import CAUSES, Coherence, Violation, violations
 from labkit.cache.counting import COUNTS, count, count_trace
 from labkit.cache.dma import Dma
 from labkit.cache.folds import MissClasses, counts, miss_classes, references_of, replay, timeline
@@ -16,6 +16,7 @@ from labkit.cache.references import References, TraceFileError, read_trace
 from labkit.cache.stm32f767 import SOURCE1_MPU, stm32f767
 
 __all__ = [
+    "CAUSES",
     "COUNTS",
     "DCACHE",
     "ICACHE",
@@ -23,6 +24,7 @@ __all__ = [
     "Access",
     "Attribute",
     "Cache",
+    "Coherence",
     "Dma",
     "Geometry",
     "Memory",

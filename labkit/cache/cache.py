@@ -9,7 +9,7 @@ from typing import TypeVar
 from labkit.cache.geometry import DCACHE, Geometry
 from labkit.cache.memory import Attribute, Memory
 from labkit.cache.policies import Policy, make_policy
-from labkit.cache.records import Access, Operation, Record
+from labkit.cache.records import Access, AccessOp, Operation, OperationOp, Record
 from labkit.cache.stores import StoreRun
 
 R = TypeVar("R", bound=Record)
@@ -83,15 +83,25 @@ class Cache:
 
     def speculate(self, address: int) -> Access:
         """Bring a line in without an access, as the Cortex-M7 may at any time (DDI0489 5.2); the adversary of receive drivers."""
-        attribute = self.memory.attribute(address)
-        line, bypass = self.geometry.line_address(address), self._bypass(attribute)
+        line, bypass = self.geometry.line_address(address), self._bypass(self.memory.attribute(address))
         if bypass:
-            return self._log(Access(-1, "speculate", address, 0, b"", line, -1, -1, bypass, False, False, None, False, False))
+            return self._log(Access(op="speculate", address=address, line=line, bypass=bypass))
         index, way = self.geometry.set_index(address), self._way.get(line)
         if way is not None:
-            return self._log(Access(-1, "speculate", address, 0, b"", line, index, way, "", True, False, None, False, False))
+            return self._log(Access(op="speculate", address=address, line=line, set=index, way=way, hit=True))
         way, victim, written_back = self._fill(line)
-        return self._log(Access(-1, "speculate", address, 0, b"", line, index, way, "", False, True, victim, written_back, False))
+        return self._log(
+            Access(
+                op="speculate",
+                address=address,
+                line=line,
+                set=index,
+                way=way,
+                filled=True,
+                victim=victim,
+                written_back=written_back,
+            )
+        )
 
     def clean(self, address: int | None = None, size: int | None = None, *, round_size: bool = True) -> Operation:
         """Write dirty lines back and keep them: SCB_CleanDCache, or by address SCB_CleanDCache_by_Addr.
@@ -139,7 +149,7 @@ class Cache:
         cached = attribute.cacheable and (not attribute.shareable or self.shared_write_through)
         return "" if cached else attribute.name
 
-    def _access(self, op: str, address: int, size: int, data: bytes) -> tuple[Access, ...]:
+    def _access(self, op: AccessOp, address: int, size: int, data: bytes) -> tuple[Access, ...]:
         self.memory.check(address, size, write=op != "read")
         length = self.geometry.line
         spans = [(max(address, line), min(address + size, line + length)) for line in self.geometry.span(address, size)]
@@ -156,67 +166,51 @@ class Cache:
                 allocate = not self._stores.store(address, size)
         return tuple(self._piece(op, at, end - at, data[at - address : end - address], allocate) for at, end in spans)
 
-    def _piece(self, op: str, address: int, size: int, data: bytes, allocate: bool) -> Access:
+    def _piece(self, op: AccessOp, address: int, size: int, data: bytes, allocate: bool) -> Access:
         """The part of an access that lies in one line."""
-        attribute = self.memory.attribute(address)
+        attribute, loads, stores = self.memory.attribute(address), op != "write", op != "read"
         line, bypass = self.geometry.line_address(address), self._bypass(attribute)
         if bypass:
-            got = data if op == "write" else self.memory.read(address, size)
-            if op != "read":
+            got = self.memory.read(address, size) if loads else data
+            if stores:
                 self.memory.write(address, data)
             return self._log(
                 Access(
-                    self._number,
-                    op,
-                    address,
-                    size,
-                    got,
-                    line,
-                    -1,
-                    -1,
-                    bypass,
-                    hit=False,
-                    filled=False,
-                    victim=None,
-                    written_back=False,
-                    to_memory=op != "read",
+                    number=self._number, op=op, address=address, size=size, data=got, line=line, bypass=bypass, to_memory=stores
                 )
             )
 
         index, way = self.geometry.set_index(address), self._way.get(line)
-        hit, filled, victim, written_back, to_memory = way is not None, False, None, False, False
+        hit, filled, victim, written_back = way is not None, False, None, False
         if way is not None:
             self.policy.touch(index, way)
-        elif op != "write" or (attribute.write_allocate and allocate):
+        elif loads or (attribute.write_allocate and allocate):
             way, victim, written_back = self._fill(line)
             filled = True
         held = None if way is None else self._sets[index][way]
-        got = data
-        if held is not None and op != "write":
-            got = bytes(held.data[address - line : address - line + size])
-        if op != "read":
-            to_memory = held is None or not attribute.write_back or attribute.shareable or self.force_write_through
-            if held is not None:
-                held.data[address - line : address - line + size] = data
-                held.dirty |= not to_memory
-            if to_memory:
-                self.memory.write(address, data)
+        span = slice(address - line, address - line + size)
+        got = bytes(held.data[span]) if held is not None and loads else data
+        to_memory = stores and (held is None or not attribute.write_back or attribute.shareable or self.force_write_through)
+        if stores and held is not None:
+            held.data[span] = data
+            held.dirty |= not to_memory
+        if to_memory:
+            self.memory.write(address, data)
         return self._log(
             Access(
-                self._number,
-                op,
-                address,
-                size,
-                got,
-                line,
-                index,
-                -1 if way is None else way,
-                "",
-                hit,
-                filled,
-                victim,
-                written_back,
-                to_memory,
+                number=self._number,
+                op=op,
+                address=address,
+                size=size,
+                data=got,
+                line=line,
+                set=index,
+                way=-1 if way is None else way,
+                hit=hit,
+                filled=filled,
+                victim=victim,
+                written_back=written_back,
+                to_memory=to_memory,
             )
         )
 
@@ -224,29 +218,23 @@ class Cache:
         """Fetch a line into its set: the way it got, the line that made room, and whether that was written back."""
         index = self.geometry.set_index(line)
         ways = self._sets[index]
-        victim, written_back = None, False
-        if None in ways:
-            way = ways.index(None)
-        else:
-            way = self.policy.victim(index)
-            old = ways[way]
-            victim, written_back = old.address, old.dirty
+        way = ways.index(None) if None in ways else self.policy.victim(index)
+        old = ways[way]
+        if old is not None:
             if old.dirty:
                 self.memory.write(old.address, bytes(old.data))
             del self._way[old.address]
         ways[way] = Line(line, bytearray(self.memory.read(line, self.geometry.line)))
         self._way[line] = way
         self.policy.fill(index, way)
-        return way, victim, written_back
+        return (way, None, False) if old is None else (way, old.address, old.dirty)
 
     def _maintain(
-        self, op: str, address: int | None, size: int | None, round_size: bool, *, write_back: bool, drop: bool
+        self, op: OperationOp, address: int | None, size: int | None, round_size: bool, *, write_back: bool, drop: bool
     ) -> Operation:
         if (address is None) != (size is None) or (size is not None and size < 0) or (address is not None and address < 0):
             raise ValueError(f"{op} with address {address} and size {size}; give both, not below 0, or none for the whole cache")
-        lines, neighbours, missed = None, (), None
-        if address is not None and size is not None:
-            lines, neighbours, missed = self._rounded(address, size, round_size)
+        lines, neighbours, missed = self._rounded(address, size, round_size)
         written, dropped, lost = [], [], []
         for index, way, held in list(self.lines()):
             if lines is not None and held.address not in lines:
@@ -262,12 +250,26 @@ class Cache:
                 self._sets[index][way] = None
                 del self._way[held.address]
                 self.policy.invalidate(index, way)
-        return self._log(Operation(op, address, size, lines, neighbours, missed, tuple(written), tuple(dropped), tuple(lost)))
+        return self._log(
+            Operation(
+                op=op,
+                address=address,
+                size=size,
+                lines=lines,
+                neighbours=neighbours,
+                missed=missed,
+                written_back=tuple(written),
+                dropped=tuple(dropped),
+                lost=tuple(lost),
+            )
+        )
 
     def _rounded(
-        self, address: int, size: int, round_size: bool
-    ) -> tuple[range, tuple[tuple[int, int], ...], tuple[int, int] | None]:
-        """The lines a by-address operation works on, the bytes in them that were not asked for, and the tail it misses."""
+        self, address: int | None, size: int | None, round_size: bool
+    ) -> tuple[range | None, tuple[tuple[int, int], ...], tuple[int, int] | None]:
+        """The lines an operation works on (None: all), the bytes in them that were not asked for, and the tail it misses."""
+        if address is None or size is None:
+            return None, (), None
         length = self.geometry.line
         start, end = self.geometry.line_address(address), address + size
         span = size + address % length if round_size and size else size

@@ -7,9 +7,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Literal
+
+AccessOp = Literal["read", "write", "modify", "speculate"]
+OperationOp = Literal["clean", "invalidate", "clean+invalidate", "enable", "disable"]
+TransferOp = Literal["dma read", "dma write"]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Access:
     """One access of the CPU to one line (an access that straddles lines gives one record per line).
 
@@ -26,23 +31,33 @@ class Access:
         to_memory: this store's bytes went to memory at once (write-through, no allocation, or bypass).
     """
 
-    number: int
-    op: str
+    number: int = -1
+    op: AccessOp
     address: int
-    size: int
-    data: bytes
+    size: int = 0
+    data: bytes = b""
     line: int
-    set: int
-    way: int
-    bypass: str
-    hit: bool
-    filled: bool
-    victim: int | None
-    written_back: bool
-    to_memory: bool
+    set: int = -1
+    way: int = -1
+    bypass: str = ""
+    hit: bool = False
+    filled: bool = False
+    victim: int | None = None
+    written_back: bool = False
+    to_memory: bool = False
+
+    @property
+    def loads(self) -> bool:
+        """The CPU got bytes: a read, or the first half of a modify."""
+        return self.op in ("read", "modify")
+
+    @property
+    def stores(self) -> bool:
+        """The CPU wrote bytes: a write, or the second half of a modify."""
+        return self.op in ("write", "modify")
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Operation:
     """One cache maintenance operation, by address or on the whole cache, with the rounding it did made visible.
 
@@ -56,7 +71,7 @@ class Operation:
             did not go to memory, so that the CPU's bytes are gone.
     """
 
-    op: str
+    op: OperationOp
     address: int | None
     size: int | None
     lines: range | None
@@ -71,7 +86,7 @@ class Operation:
 class Transfer:
     """One transfer of a DMA master, past the cache: op is "dma read" (memory to device) or "dma write" (device to memory)."""
 
-    op: str
+    op: TransferOp
     address: int
     data: bytes
 
