@@ -21,6 +21,7 @@ NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
 
 #: Part of labkit -> its floor. Imports go down, or stay inside the part; a new part gets its line here.
 FLOOR = {
+    "outside": -1,  # what every reader stands on
     "trace": 0,
     "experiment": 0,
     "data": 0,

@@ -6,28 +6,95 @@ A tick is one cycle here, so all times are ticks.
 from __future__ import annotations
 
 import csv
-import json
 from collections.abc import Callable, Generator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Annotated, Any, Literal, TextIO
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from labkit.kernel.kernel import Kernel
-from labkit.kernel.objects import FOREVER
+from labkit.kernel.objects import FOREVER, Mutex, Queue, Semaphore
 from labkit.kernel.requests import Services
 from labkit.kernel.run import Run
+from labkit.outside import Name, a_list, checked, read_json, shown, whole, whole_number
 from labkit.trace.folds import runs
 from labkit.trace.kinds import ISR_OPS, KINDS, STATES
 
+#: The longest run; it also ends, with an error, at `MOST_EVENTS`.
+LAST_TICK = 10_000_000
 
-@dataclass(frozen=True)
-class ObjectSpec:
-    """A semaphore, mutex or queue: `kind` is one of OBJECT_KINDS."""
+#: More events than this are not recorded: they would take gigabytes.
+MOST_EVENTS = 5_000_000
 
-    name: str
-    kind: str
-    length: int
-    init: int
+
+class _Data(BaseModel):
+    """Part of a scenario as its file has it; what recordings note beside it, such as a title, is let be."""
+
+    model_config = ConfigDict(frozen=True, extra="ignore")
+
+
+def _not_the_kernels(name: str) -> str:
+    if name in ("IDLE", "ISR", "self"):
+        raise ValueError("taken")
+    return name
+
+
+_Name = Annotated[
+    Name,
+    AfterValidator(_not_the_kernels),
+    Field(description="a text of 1 to 100 printable characters, other than IDLE, ISR and self,"),
+]
+_On = Annotated[Literal[1], Field(description="only 1, which the model covers,")]
+_Off = Annotated[Literal[0], Field(description="only 0, which the model covers,")]
+
+
+class ObjectSpec(_Data):
+    """A semaphore or mutex with `init` of `length` counts, or a queue."""
+
+    name: _Name
+    kind: Annotated[
+        Literal["binary", "counting", "mutex", "recursive", "queue"],
+        Field(description="one of binary, counting, mutex, recursive, queue"),
+    ]
+    length: Annotated[int, whole(1)] = 1
+    init: Annotated[int | None, whole(0)] = None
+
+
+class InterruptSpec(_Data):
+    """A device interrupt at a tick: one of ISR_OPS on a target, with a value to send."""
+
+    tick: Annotated[int, whole(1)]
+    op: Annotated[Literal["notify_give", "give", "send", "resume"], Field(description=f"one of {', '.join(ISR_OPS)}")]
+    target: Any = None
+    value: Annotated[int, whole(-FOREVER)] = 0
+
+
+class _Task(_Data):
+    """A task as its file has it; `_compiled` checks what depends on the rest of the scenario."""
+
+    name: _Name
+    priority: Any = None
+    loop_from: Any = None
+    program: Annotated[tuple[Any, ...], a_list("steps", 10_000)]
+
+
+class _Config(_Data):
+    preemption: _On = 1
+    tickless: _Off = 0
+    timers: _Off = 0
+    cores: _On = 1
+    max_priorities: Annotated[int, whole(2, 64)] = 8
+    time_slicing: Annotated[int, whole(0, 1)] = 1
+
+
+class _File(_Data):
+    name: Any = "scenario"
+    config: _Config = _Config()
+    end_tick: Annotated[int, whole(1, LAST_TICK)]
+    objects: Annotated[tuple[ObjectSpec, ...], a_list("objects", 1000)]
+    tasks: Annotated[tuple[_Task, ...], a_list("tasks", 1000)]
+    isr: Annotated[tuple[InterruptSpec, ...], a_list("interrupts", 100_000)] = ()
 
 
 @dataclass(frozen=True)
@@ -37,17 +104,7 @@ class TaskSpec:
     name: str
     priority: int
     loop_from: int | None
-    program: tuple[tuple[str, tuple, int], ...]
-
-
-@dataclass(frozen=True)
-class InterruptSpec:
-    """A device interrupt at a tick: one of ISR_OPS on a target, with a value to send."""
-
-    tick: int
-    op: str
-    target: str
-    value: int
+    program: tuple[tuple[str, tuple[Any, ...], int], ...]
 
 
 @dataclass(frozen=True)
@@ -62,8 +119,6 @@ class Scenario:
     tasks: tuple[TaskSpec, ...]
     interrupts: tuple[InterruptSpec, ...]
 
-
-OBJECT_KINDS = ("binary", "counting", "mutex", "recursive", "queue")
 
 #: Steps and their arguments: kinds of object, or words that `_argument` checks. `skip` counts the steps to jump over on failure.
 STEPS: dict[str, tuple[str, ...]] = {
@@ -91,147 +146,94 @@ TARGETS = {"notify_give": "task", "give": "binary counting", "send": "queue", "r
 
 
 def read_scenario(source: Mapping[str, Any] | str | Path) -> Scenario:
-    """Read and check a scenario: a mapping, or a file of JSON.
+    """Read and check a scenario: a mapping, or a file of JSON of at most `labkit.outside.MOST_BYTES`.
+
+    A scenario has at most 1000 tasks of 10 000 steps, 1000 objects, 100 000 interrupts, and ends by `LAST_TICK`.
 
     Errors: ValueError, one sentence saying what is wrong, where, and what is allowed. OSError if the file cannot be read.
     """
-    if isinstance(source, Mapping):
-        return _scenario(source)
-    try:
-        data = json.loads(Path(source).read_text(encoding="utf-8"))
-    except (json.JSONDecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise ValueError(f"{source} is no JSON: {error}") from None
-    return _scenario(data)
-
-
-def _scenario(data: Any) -> Scenario:
-    top = _mapping(data, "the scenario")
-    config = _mapping(top.get("config", {}), "config")
-    for key, only in {"preemption": 1, "tickless": 0, "timers": 0, "cores": 1}.items():
-        if config.get(key, only) != only:
-            raise ValueError(f"config: {key} is {config[key]!r}; the model covers {only} only")
-    priorities = _integer(config.get("max_priorities", 8), "config: max_priorities", 2, 64)
-    objects = tuple(_object(each, f"object {at}") for at, each in enumerate(_list(top, "objects", "the scenario")))
-    entries = [_mapping(each, f"task {at}") for at, each in enumerate(_list(top, "tasks", "the scenario"))]
-    names = [each.name for each in objects] + [_name(each, f"task {at}") for at, each in enumerate(entries)]
-    for name in names:
-        if names.count(name) > 1:
+    data = checked(_File, source if isinstance(source, Mapping) else read_json(source), "the scenario")
+    known: dict[str, str] = {}
+    for name, kind in [(each.name, each.kind) for each in data.objects] + [(task.name, "task") for task in data.tasks]:
+        if name in known:
             raise ValueError(f"the name {name!r} is used more than once; every object and task needs its own")
-    known = {each.name: each for each in objects} | {each["name"]: "task" for each in entries}
-    tasks = tuple(_task(each, known, priorities) for each in entries)
-    isr = _list(top, "isr", "the scenario") if "isr" in top else []
+        known[name] = kind
+    objects = tuple(_sound(each) for each in data.objects)
+    lengths = {each.name: each.length for each in objects}
+    for at, interrupt in enumerate(data.isr):
+        _argument(interrupt.target, TARGETS[interrupt.op], f"isr {at}: {interrupt.op}", known, {})
     return Scenario(
-        name=str(top.get("name", "scenario")),
-        end_tick=_integer(top.get("end_tick"), "end_tick", 1, 10_000_000),
-        priorities=priorities,
-        time_slicing=bool(_integer(config.get("time_slicing", 1), "config: time_slicing", 0, 1)),
+        name=str(data.name),
+        end_tick=data.end_tick,
+        priorities=data.config.max_priorities,
+        time_slicing=bool(data.config.time_slicing),
         objects=objects,
-        tasks=tasks,
-        interrupts=tuple(_interrupt(_mapping(each, f"isr {at}"), f"isr {at}", known) for at, each in enumerate(isr)),
+        tasks=tuple(_compiled(each, known, lengths, data.config.max_priorities) for each in data.tasks),
+        interrupts=data.isr,
     )
 
 
-def _object(data: Any, where: str) -> ObjectSpec:
-    entry = _mapping(data, where)
-    name = _name(entry, where)
-    kind = entry.get("kind")
-    if kind not in OBJECT_KINDS:
-        raise ValueError(f"object {name!r} has kind {kind!r}; there are {', '.join(OBJECT_KINDS)}")
-    full = 1 if kind in ("binary", "mutex", "recursive") else FOREVER
-    length = _integer(entry.get("length", 1), f"object {name!r}: length", 1, full)
-    least, most = {"mutex": (1, 1), "recursive": (1, 1), "queue": (0, 0)}.get(kind, (0, length))
-    return ObjectSpec(name, kind, length, _integer(entry.get("init", least), f"object {name!r}: init", least, most))
+def _sound(data: ObjectSpec) -> ObjectSpec:
+    """The object with its `init` settled; ValueError if its numbers do not fit its kind."""
+    one = data.kind in ("binary", "mutex", "recursive")
+    whole_number(data.length, 1, 1 if one else FOREVER, f"object {data.name!r}: length")
+    least, most = {"mutex": (1, 1), "recursive": (1, 1), "queue": (0, 0)}.get(data.kind, (0, data.length))
+    init = least if data.init is None else whole_number(data.init, least, most, f"object {data.name!r}: init")
+    return data.model_copy(update={"init": init})
 
 
-def _task(entry: Mapping[str, Any], known: Mapping[str, Any], priorities: int) -> TaskSpec:
-    name = entry["name"]
-    program = _list(entry, "program", f"task {name!r}")
-    loop_from = entry.get("loop_from")
-    if loop_from is not None:
-        _integer(loop_from, f"task {name!r}: loop_from", 0, len(program) - 1)
+def _compiled(data: _Task, known: Mapping[str, str], lengths: Mapping[str, int], priorities: int) -> TaskSpec:
+    whose, count = f"task {data.name!r}", len(data.program)
+    if data.loop_from is not None:
+        whole_number(data.loop_from, 0, count - 1, f"{whose}: loop_from")
     steps = []
-    for at, step in enumerate(program):
-        where = f"task {name!r}, step {at}"
+    for at, step in enumerate(data.program):
+        where = f"{whose}, step {at}"
         if not isinstance(step, list | tuple) or not step or not isinstance(step[0], str) or step[0] not in STEPS:
-            raise ValueError(f"{where}: unknown step {step!r}; there are {', '.join(STEPS)}")
-        words = STEPS[step[0]]
-        if len(step) != 1 + len(words):
-            raise ValueError(f"{where}: {step[0]} has {len(step) - 1} arguments; it takes {len(words)}: {', '.join(words)}")
-        limits = {"skip": len(program) - 1 - at, "priority": priorities - 1}
-        where = f"{where}: {step[0]}"
-        arguments = [_argument(value, word, where, known, limits) for value, word in zip(step[1:], words, strict=True)]
-        if step[0] == "overwrite" and (length := known[arguments[0]].length) != 1:
-            raise ValueError(f"{where} on queue {arguments[0]!r} of length {length}; only length 1 is allowed")
+            raise ValueError(f"{where}: unknown step {shown(step)}; there are {', '.join(STEPS)}")
+        name, *given = step
+        words = STEPS[name]
+        if len(given) != len(words):
+            raise ValueError(f"{where}: {name} has {len(given)} arguments; it takes {len(words)}: {', '.join(words)}")
+        limits = {"skip": count - 1 - at, "priority": priorities - 1}
+        arguments = [_argument(value, word, f"{where}: {name}", known, limits) for value, word in zip(given, words)]
+        if name == "overwrite" and (length := lengths[arguments[0]]) != 1:
+            raise ValueError(f"{where}: overwrite on queue {arguments[0]!r} of length {length}; only length 1 is allowed")
         skip = arguments.pop() if words and words[-1] == "skip" else 0
-        steps.append((step[0], tuple(arguments), skip))
-    priority = _integer(entry.get("priority"), f"task {name!r}: priority", 1, priorities - 1)
-    return TaskSpec(name, priority, loop_from, tuple(steps))
+        steps.append((name, tuple(arguments), skip))
+    priority = whole_number(data.priority, 1, priorities - 1, f"{whose}: priority")
+    return TaskSpec(data.name, priority, data.loop_from, tuple(steps))
 
 
-def _interrupt(entry: Mapping[str, Any], where: str, known: Mapping[str, Any]) -> InterruptSpec:
-    op = entry.get("op")
-    if op not in ISR_OPS:
-        raise ValueError(f"{where}: unknown op {op!r}; there are {', '.join(ISR_OPS)}")
-    target = _argument(entry.get("target"), TARGETS[op], f"{where}: {op}", known, {})
-    tick = _integer(entry.get("tick"), f"{where}: tick", 1, FOREVER)
-    return InterruptSpec(tick, op, target, _integer(entry.get("value", 0), f"{where}: value", -FOREVER, FOREVER))
-
-
-def _argument(value: Any, word: str, where: str, known: Mapping[str, Any], limits: Mapping[str, int]) -> Any:
+def _argument(value: Any, word: str, where: str, known: Mapping[str, str], limits: Mapping[str, int]) -> Any:
     """One argument of a step, checked against its word in STEPS."""
     match word:
         case "ticks":
-            return _integer(value, f"{where}: ticks", 0, FOREVER)
+            return whole_number(value, 0, FOREVER, f"{where}: ticks")
         case "period":
-            return _integer(value, f"{where}: period", 1, FOREVER)
+            return whole_number(value, 1, FOREVER, f"{where}: period")
         case "timeout":
-            return None if value is None else _integer(value, f"{where}: timeout", 0, FOREVER)
+            return None if value is None else whole_number(value, 0, FOREVER, f"{where}: timeout")
         case "skip":
-            return _integer(value, f"{where}: skip", 0, limits["skip"])
+            return whole_number(value, 0, limits["skip"], f"{where}: skip")
         case "priority":
-            return _integer(value, f"{where}: priority", 1, limits["priority"])
+            return whole_number(value, 1, limits["priority"], f"{where}: priority")
         case "item":
             named = isinstance(value, str) and value in ("seq", "last")
-            return value if named else _integer(value, f"{where}: item (or 'seq' or 'last')", -FOREVER, FOREVER)
+            return value if named else whole_number(value, -FOREVER, FOREVER, f"{where}: item (or 'seq' or 'last')")
         case "clear":
             if value not in ("clear", "decrement"):
-                raise ValueError(f"{where}: {value!r} is not allowed; 'clear' or 'decrement' is")
+                raise ValueError(f"{where}: {shown(value)} is not allowed; 'clear' or 'decrement' is")
             return value == "clear"
         case "task or self" if value == "self":
             return None
     kinds = word.removesuffix(" or self").split()
-    target = known.get(value) if isinstance(value, str) else None
-    if target is None:
-        raise ValueError(f"{where}: there is no {' or '.join(kinds)} {value!r}; known names are {', '.join(known)}")
-    kind = target if target == "task" else target.kind
+    kind = known.get(value) if isinstance(value, str) else None
+    if kind is None:
+        some = ", ".join(list(known)[:20]) + (", ..." if len(known) > 20 else "")
+        raise ValueError(f"{where}: there is no {' or '.join(kinds)} {shown(value)}; known names are {some}")
     if kind not in kinds:
         raise ValueError(f"{where}: {value!r} is a {kind}; a {' or '.join(kinds)} is allowed")
-    return value
-
-
-def _mapping(data: Any, where: str) -> Mapping[str, Any]:
-    if not isinstance(data, Mapping):
-        raise ValueError(f"{where} is {type(data).__name__}; a JSON object is allowed")
-    return data
-
-
-def _list(entry: Mapping[str, Any], key: str, where: str) -> list:
-    if not isinstance(entry.get(key), list | tuple):
-        raise ValueError(f"{where}: {key!r} is missing or no list; a JSON array is allowed")
-    return entry[key]
-
-
-def _name(entry: Mapping[str, Any], where: str) -> str:
-    name = entry.get("name")
-    if not isinstance(name, str) or not name or name in ("IDLE", "ISR", "self"):
-        raise ValueError(f"{where}: name {name!r}; a text other than IDLE, ISR and self is allowed")
-    return name
-
-
-def _integer(value: Any, what: str, least: int, most: int) -> int:
-    if not isinstance(value, int) or isinstance(value, bool) or not least <= value <= most:
-        allowed = f"{least} to {most}" if most < FOREVER else "any" if least < 0 else f"at least {least}"
-        raise ValueError(f"{what} is {value!r}; a whole number is allowed, {allowed}")
     return value
 
 
@@ -241,27 +243,36 @@ def run_scenario(scenario: Scenario, protocol: str = "freertos") -> Run:
     Errors: ValueError as from `Kernel.run`.
     """
     k = Kernel(cpu_hz=1000, tick_hz=1000, priorities=scenario.priorities, time_slicing=scenario.time_slicing)
+    users = _users(scenario) if protocol == "ceiling" else {}
     handles: dict[str | None, Any] = {None: None}
-    for each in scenario.objects:
-        ceiling = {"ceiling": 1, "users": _users(scenario, each.name)} if protocol == "ceiling" else {}
-        match each.kind:
-            case "mutex":
-                handles[each.name] = k.mutex(each.name, protocol, **ceiling)
-            case "recursive":
-                handles[each.name] = k.recursive_mutex(each.name, protocol, **ceiling)
-            case "queue":
-                handles[each.name] = k.queue(each.name, each.length)
-            case _:
-                handles[each.name] = k.counting(each.name, each.length, each.init)
+    for spec in scenario.objects:
+        handles[spec.name] = _object(k, spec, protocol, users.get(spec.name))
     for task in scenario.tasks:
         handles[task.name] = k.task(task.name, _body(task, handles), task.priority)
-    for each in scenario.interrupts:
-        k.interrupt(each.tick, _handler(each, handles))
+    for interrupt in scenario.interrupts:
+        k.interrupt(interrupt.tick, _handler(interrupt, handles))
     return k.run(scenario.end_tick)
 
 
-def _users(scenario: Scenario, name: str) -> list[str]:
-    return [task.name for task in scenario.tasks if any(name in arguments for _, arguments, _ in task.program)]
+def _object(k: Kernel, spec: ObjectSpec, protocol: str, users: list[str] | None) -> Mutex | Semaphore | Queue:
+    ceiling = 1 if protocol == "ceiling" else None
+    match spec.kind:
+        case "mutex":
+            return k.mutex(spec.name, protocol, ceiling, users or ())
+        case "recursive":
+            return k.recursive_mutex(spec.name, protocol, ceiling, users or ())
+        case "queue":
+            return k.queue(spec.name, spec.length)
+    return k.counting(spec.name, spec.length, spec.init or 0)
+
+
+def _users(scenario: Scenario) -> dict[str, list[str]]:
+    """Object -> the tasks whose programs name it."""
+    users: dict[str, list[str]] = {}
+    for task in scenario.tasks:
+        for name in {arguments[0] for _, arguments, _ in task.program if arguments and isinstance(arguments[0], str)}:
+            users.setdefault(name, []).append(task.name)
+    return users
 
 
 def _handler(spec: InterruptSpec, handles: Mapping[str | None, Any]) -> Callable[[Any], Any]:
@@ -275,7 +286,7 @@ def _body(spec: TaskSpec, handles: Mapping[str | None, Any]) -> Callable[[Servic
     """A task body that interprets a program."""
 
     def body(os: Services) -> Generator[Any, Any, None]:
-        call = {
+        call: dict[str, Callable[..., Any]] = {
             "burn": os.compute,
             "delay": os.delay,
             "delay_until": os.delay_until,

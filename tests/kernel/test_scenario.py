@@ -76,35 +76,41 @@ STEP = ("tasks", 0, "program", 0)
         (STEP, ["take", "R", 5, 0], "'R' is a recursive"),
         (STEP, ["rtake", "M", 5, 0], "'M' is a mutex; a recursive is allowed"),
         (STEP, ["take", ["M"], 5, 0], r"there is no binary or counting or mutex \['M'\]"),
-        (STEP, ["take", "M", -1, 0], "take: timeout is -1; a whole number is allowed, at least 0"),
-        (STEP, ["take", "M", 5, 3], "take: skip is 3; a whole number is allowed, 0 to 2"),
+        (STEP, ["take", "M", -1, 0], "take: timeout is -1; a whole number of at least 0 is allowed"),
+        (STEP, ["take", "M", 5, 3], "take: skip is 3; a whole number from 0 to 2 is allowed"),
         (STEP, ["burn", -2], "burn: ticks is -2"),
         (STEP, ["burn", 1.5], "burn: ticks is 1.5"),
         (STEP, ["burn", True], "burn: ticks is True"),
         (STEP, ["delay_until", 0], "delay_until: period is 0"),
         (STEP, ["notify_give", "C"], "there is no task 'C'"),
         (STEP, ["notify_take", "all", None, 0], "'all' is not allowed; 'clear' or 'decrement' is"),
-        (STEP, ["set_prio", "self", 8], "set_prio: priority is 8; a whole number is allowed, 1 to 7"),
+        (STEP, ["set_prio", "self", 8], "set_prio: priority is 8; a whole number from 1 to 7 is allowed"),
         (STEP, ["send", "Q", "first", 0, 0], "item .or 'seq' or 'last'. is 'first'"),
         (STEP, ["overwrite", "Q", 1], "overwrite on queue 'Q' of length 2"),
-        (("tasks", 0, "priority"), 0, "task 'A': priority is 0; a whole number is allowed, 1 to 7"),
+        (("tasks", 0, "priority"), 0, "task 'A': priority is 0; a whole number from 1 to 7 is allowed"),
         (("tasks", 0, "priority"), "high", "task 'A': priority is 'high'"),
-        (("tasks", 0, "loop_from"), 3, "task 'A': loop_from is 3; a whole number is allowed, 0 to 2"),
-        (("tasks", 0, "program"), "burn", "task 'A': 'program' is missing or no list"),
+        (("tasks", 0, "loop_from"), 3, "task 'A': loop_from is 3; a whole number from 0 to 2 is allowed"),
+        (("tasks", 0, "program"), "burn", "task 'A': program is 'burn'; a list of at most 10000 steps is allowed"),
         (("tasks", 0, "name"), "B", "the name 'B' is used more than once"),
         (("tasks", 0, "name"), "M", "the name 'M' is used more than once"),
-        (("tasks", 0, "name"), "IDLE", "task 0: name 'IDLE'"),
-        (("tasks", 0), None, "task 0 is NoneType"),
-        (("objects", 0, "kind"), "lock", "object 'M' has kind 'lock'; there are binary"),
-        (("objects", 1, "init"), 4, "object 'S': init is 4; a whole number is allowed, 0 to 3"),
+        (("tasks", 0, "name"), "IDLE", "task 0: name is 'IDLE'; a text of 1 to 100 printable characters, other than IDLE"),
+        (("tasks", 0), None, "task 0 is None; an object is allowed"),
+        (("objects", 0, "kind"), "lock", "object 'M': kind is 'lock'; one of binary, counting, mutex"),
+        (("objects", 1, "init"), 4, "object 'S': init is 4; a whole number from 0 to 3 is allowed"),
         (("objects", 2, "length"), 0, "object 'Q': length is 0"),
+        (("objects", 0), {"kind": "mutex"}, "object 0 has no name; a text of 1 to 100 printable characters"),
+        (("objects", 0, "name"), "a\nb", r"object 0: name is 'a\\nb'; a text of 1 to 100 printable characters"),
+        (("tasks", 0, "name"), "\ud800", r"task 0: name is '\\ud800'; a text of 1 to 100 printable characters"),
+        (("tasks", 0, "name"), "x" * 101, "a text of 1 to 100 printable characters"),
+        (("tasks", 0, "priority"), 10**400, r"priority is 10+\.\.\.0+; a whole number from 1 to 7"),
+        (("tasks",), GOOD["tasks"] * 501, "the scenario has 1002 tasks; a list of at most 1000 tasks is allowed"),
         (("isr", 0, "tick"), -4, "isr 0: tick is -4"),
-        (("isr", 0, "op"), "take", "isr 0: unknown op 'take'; there are notify_give, give, send, resume"),
+        (("isr", 0, "op"), "take", "isr 0: op is 'take'; one of notify_give, give, send, resume is allowed"),
         (("isr", 0, "target"), "M", "isr 0: give: 'M' is a mutex; a binary or counting is allowed"),
         (("end_tick",), 0, "end_tick is 0"),
-        (("end_tick",), KeyError, "end_tick is None"),
-        (("tasks",), KeyError, "the scenario: 'tasks' is missing or no list"),
-        (("config",), {"cores": 2}, "config: cores is 2; the model covers 1 only"),
+        (("end_tick",), KeyError, "the scenario has no end_tick; a whole number from 1 to 10000000 is needed"),
+        (("tasks",), KeyError, "the scenario has no tasks; a list of at most 1000 tasks is needed"),
+        (("config",), {"cores": 2}, "config: cores is 2; only 1, which the model covers, is allowed"),
     ],
 )
 def test_a_mistake_is_one_sentence_with_place_and_remedy(path, value, message):
@@ -112,11 +118,22 @@ def test_a_mistake_is_one_sentence_with_place_and_remedy(path, value, message):
         read_scenario(set_at(path, value))
 
 
-@pytest.mark.parametrize("text", ["", "{", "[1, 2", "nul", "[" * 100_000])
-def test_a_file_that_is_no_json_is_said_to_be_none(tmp_path, text):
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        *((text, "is not JSON") for text in ("", "{", "[1, 2", "nul", "[" * 100_000, '{"end_tick": NaN}', "9" * 5000)),
+        ('{"end_tick": 1, "end_tick": 2}', "the key 'end_tick' comes twice in one object"),
+        ('{"end_tick": 1e400, "objects": [], "tasks": []}', "end_tick is inf; a whole number"),
+        ('{"end_tick": 1, "objects": [], "tasks": [' + "[" * 500 + "]" * 500 + "]}", r"task 0 is \[\[\[.*; an object is allowed"),
+        ("[]", r"the scenario is \[\]; an object is allowed"),
+        (b"\xff", "bad.json is not UTF-8 text: byte 0 is 0xff"),
+        (" " * (8 << 20) + "{}", "bad.json is longer than 8 MiB"),
+    ],
+)
+def test_a_file_that_cannot_be_taken_says_why(tmp_path, text, message):
     file = tmp_path / "bad.json"
-    file.write_text(text)
-    with pytest.raises(ValueError, match="is no JSON"):
+    file.write_bytes(text if isinstance(text, bytes) else text.encode())
+    with pytest.raises(ValueError, match=message):
         read_scenario(file)
 
 

@@ -1,0 +1,168 @@
+"""What comes from outside: files up to a stated size, JSON without surprises, data checked against a pydantic model.
+
+Every mistake is a ValueError of one sentence that says what is wrong, where, and what is allowed. A model of outside data takes
+its types from here, or declares them with a `Field(description=...)` that says what is allowed, as in "a whole number".
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import unicodedata
+from collections.abc import Iterator, Mapping
+from reprlib import Repr
+from typing import Annotated, Any, NoReturn, TypeVar, get_args
+
+from pydantic import AfterValidator, BaseModel, Field, ValidationError
+from pydantic.fields import FieldInfo
+
+#: Largest file of JSON or chain CSV that is read; one of this size takes below half a gigabyte of memory.
+MOST_BYTES = 8 << 20
+
+Model = TypeVar("Model", bound=BaseModel)
+
+_SHORT = Repr()
+_SHORT.maxstring = _SHORT.maxother = _SHORT.maxlong = 80
+
+
+def _printable(name: str) -> str:
+    if not name.isprintable():  # nor is a line separator, a change of writing direction, half a surrogate
+        raise ValueError("control characters")
+    return name
+
+
+#: A name that can stand in a line of output as it is.
+Name = Annotated[
+    str,
+    AfterValidator(_printable),
+    Field(
+        strict=True, min_length=1, max_length=100, description="a text of 1 to 100 characters, none of them a control character"
+    ),
+]
+
+
+#: Stands for "no upper bound": beyond it, times would not fit 64 bits.
+UNBOUNDED = 1 << 62
+
+
+def whole(least: int, most: int = UNBOUNDED) -> Any:
+    """Declares that a field is a whole number from `least` to `most`, both included; true, 2.0 and "2" are none."""
+    return Field(strict=True, ge=least, le=most, description=_whole_number(least, most))
+
+
+def a_list(of: str, most: int, least: int = 0) -> Any:
+    """Declares that a field is a list of `least` to `most` entries; `of` says what they are."""
+    words = f"a list of {f'{least} to {most}' if least else f'at most {most}'} {of}"
+    return Field(min_length=least, max_length=most, fail_fast=True, description=words)
+
+
+def whole_number(value: Any, least: int, most: int, what: str) -> int:
+    """`value` as what `whole` declares, checked where no model can know the bounds; ValueError names `what`."""
+    if not isinstance(value, int) or isinstance(value, bool) or not least <= value <= most:
+        raise ValueError(f"{what} is {shown(value)}; {_whole_number(least, most)} is allowed")
+    return value
+
+
+def _whole_number(least: int, most: int) -> str:
+    if most < UNBOUNDED:
+        return f"a whole number from {least} to {most}"
+    return f"a whole number of at least {least}" if least > -UNBOUNDED else "a whole number"
+
+
+def shown(value: Any) -> str:
+    """A value for an error message: its repr, in one line and cut short."""
+    return _SHORT.repr(value)
+
+
+def one_line(text: str) -> str:
+    """The text with everything that could break or turn around its line written as an escape."""
+    hidden = ("Cc", "Cf", "Cs", "Zl", "Zp")
+    return "".join(ascii(c)[1:-1] if unicodedata.category(c) in hidden else c for c in text)
+
+
+def read_text(path: str | os.PathLike[str]) -> str:
+    """The text of a UTF-8 file, line ends as they are; ValueError if it is none or longer than `MOST_BYTES`, OSError."""
+    with open(path, "rb") as file:
+        data = file.read(MOST_BYTES + 1)
+    if len(data) > MOST_BYTES:
+        raise ValueError(f"{path} is longer than {MOST_BYTES >> 20} MiB, the largest file that is read")
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{path} is not UTF-8 text: byte {error.start} is 0x{data[error.start]:02x}") from None
+
+
+def read_json(path: str | os.PathLike[str]) -> Any:
+    """The JSON value in a file; ValueError if it is none (NaN is none, nor is a key that comes twice) or too long, OSError."""
+    text = read_text(path)
+    try:
+        return json.loads(text, parse_constant=_no_number, object_pairs_hook=_object)
+    except RecursionError:
+        raise ValueError(f"{path} is not JSON that can be read: it is nested too deeply") from None
+    except ValueError as error:
+        raise ValueError(f"{path} is not JSON: {error}") from None
+
+
+def _no_number(word: str) -> NoReturn:
+    raise ValueError(f"{word} is no JSON number")
+
+
+def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    made = dict(pairs)
+    if len(made) < len(pairs):
+        keys = set()
+        for key, _ in pairs:
+            if key in keys:
+                raise ValueError(f"the key {shown(key)} comes twice in one object")
+            keys.add(key)
+    return made
+
+
+def checked(model: type[Model], data: Any, what: str) -> Model:
+    """`data` as an instance of `model`; ValueError for the first thing wrong with it. `what` names the whole: "the task set"."""
+    try:
+        return model.model_validate(data)
+    except ValidationError as error:
+        first = error.errors(include_url=False, include_context=False)[0]
+    raise ValueError(_sentence(model, data, first, what))
+
+
+def _sentence(model: type[BaseModel], data: Any, error: Mapping[str, Any], what: str) -> str:
+    """The error in words, its place as in: config: cores; task 'A': priority; task 3, if it has no name; task 'A': time 2."""
+    field: FieldInfo | None = None
+    inner: type[BaseModel] | None = model
+    steps: list[str] = []
+    for key in error["loc"]:
+        data = data[key] if not isinstance(data, Mapping) or key in data else None
+        if isinstance(key, int):
+            name = data.get("name") if isinstance(data, Mapping) and error["loc"][-1] != "name" else None
+            steps[-1] = f"{steps[-1].removesuffix('s')} {shown(name) if isinstance(name, str) else key}"
+            field = _item(field)
+        elif inner:
+            steps.append(key)
+            model, field = inner, inner.model_fields.get(key)
+            inner = next(_models(field.annotation), None) if field else None
+    owner, last = ": ".join(steps[:-1]) or what, steps[-1] if steps else ""
+    allowed = field.description if field and field.description else "an object"
+    match error["type"]:
+        case "extra_forbidden":
+            return f"{owner} has a field {shown(last)}; there are {', '.join(model.model_fields)}"
+        case "missing":
+            return f"{owner} has no {last}; {allowed} is needed"
+        case "too_long":
+            return f"{owner} has {len(data)} {last}; {allowed} is allowed"
+    return f"{': '.join(steps) or what} is {shown(data)}; {allowed} is allowed"
+
+
+def _item(field: FieldInfo | None) -> FieldInfo | None:
+    """What a list's field says of the single items, None if they are objects."""
+    items = get_args(field.annotation)[:1] if field else ()
+    return next((known for item in items for known in getattr(item, "__metadata__", ()) if isinstance(known, FieldInfo)), None)
+
+
+def _models(annotation: Any) -> Iterator[type[BaseModel]]:
+    """The models in a type such as `tuple[Task, ...] | None`."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        yield annotation
+    for argument in get_args(annotation):
+        yield from _models(argument)
