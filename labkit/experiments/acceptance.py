@@ -10,7 +10,7 @@ import numpy as np
 from annotated_types import Interval, MultipleOf, Unit
 from typing_extensions import Doc
 
-from labkit.experiment import Experiment, Metric, Feedback, progress
+from labkit.experiment import Experiment, Feedback, Metric, progress
 from labkit.figures.curves import Curve, curves
 from labkit.figures.margins import reserve
 from labkit.figures.style import BLUE, GREEN, GREY, INK, LEGEND, ORANGE, PURPLE, VERMILION, layout
@@ -26,7 +26,7 @@ from labkit.scheduler.analysis.acceptance import accept_response_time
 from labkit.scheduler.execution import fit_log_normal, log_normal
 from labkit.scheduler.periodic import simulate
 from labkit.scheduler.tasksets import PeriodicTask, TaskPair, log_uniform_periods, uunifast
-from labkit.trace import Trace
+from labkit.trace import Trace, jobs
 
 US = 1000  # microseconds, the unit of the traces, in a millisecond
 WCET, SHARE, BELOW = (
@@ -103,8 +103,8 @@ class ExpectedTime(Experiment):
         accepted = taft_test(self.pairs()).accepted
         longer = 100 * float((result.times > self.ECET).mean())
         edf, taft, aborts = (
-            len(result.edf.rows("miss")),
-            len(result.taft.rows("miss")),
+            int(jobs(result.edf).missed.sum()),
+            int(jobs(result.taft).missed.sum()),
             100 * len(result.taft.rows("abort")) / total,
         )
         worst = bool(accept_edf(np.full((1, self.filters), WCET), np.full((1, self.filters), self.period))[0])

@@ -10,7 +10,7 @@ import numpy as np
 from annotated_types import Interval, MultipleOf, Unit
 from typing_extensions import Doc
 
-from labkit.experiment import Experiment, Labels, Metric, Feedback
+from labkit.experiment import Experiment, Feedback, Labels, Metric
 from labkit.figures.margins import Response, responses
 from labkit.figures.schedule import Panel, schedule
 from labkit.scheduler.analysis import (
@@ -25,10 +25,9 @@ from labkit.scheduler.analysis import (
     utilization,
 )
 from labkit.scheduler.execution import log_normal
-from labkit.scheduler.jobs import EP
 from labkit.scheduler.periodic import simulate
 from labkit.scheduler.tasksets import PeriodicTask, TaskPair, log_uniform_periods, rate_monotonic, uunifast
-from labkit.trace import Trace
+from labkit.trace import Trace, jobs
 
 MS = 1000  # units of all traces here: microseconds
 HZ = 1000 * MS
@@ -58,6 +57,11 @@ def draw(work: str, wcet: int, jobs: int, rng: np.random.Generator) -> np.ndarra
 def count(trace: Trace, *kinds: str) -> int:
     """Number of rows of these kinds."""
     return len(trace.rows(*kinds))
+
+
+def misses(trace: Trace) -> int:
+    """Number of deadlines missed."""
+    return int(jobs(trace).missed.sum())
 
 
 class Schedules(Experiment):
@@ -109,11 +113,12 @@ class Schedules(Experiment):
 
     @staticmethod
     def _first_miss(trace: Trace) -> str:
-        misses = trace.rows("miss")
-        if not len(misses):
+        table = jobs(trace)
+        late = np.flatnonzero(table.missed)
+        if not len(late):
             return ""
-        time, _, task, *_ = misses[0].tolist()
-        return f"{trace.names[task].removesuffix(EP)} misses its deadline at {time / MS:g} ms"
+        first = late[np.argmin(table.deadline[late])]
+        return f"{trace.names[table.task[first]]} misses its deadline at {table.deadline[first] / MS:g} ms"
 
     def metrics(self, result: dict[str, Trace]) -> list[Metric]:
         tasks, pairs = self.tasks(), self.pairs()
@@ -123,7 +128,7 @@ class Schedules(Experiment):
             Metric("expected utilisation", 100 * float(taft_utilization(pairs)), "%", note="sum of (ECET + EP) / T"),
         ]
         for (name, verdict), trace in zip(verdicts.items(), result.values(), strict=True):
-            missed = count(trace, "miss")
+            missed = misses(trace)
             found.append(
                 Metric(
                     f"{name} missed in {HORIZON // 1000} s",
@@ -145,7 +150,7 @@ class Schedules(Experiment):
 
     @staticmethod
     def _without_miss(result: dict[str, Trace]) -> str:
-        return ", ".join(policy.upper() for policy, trace in result.items() if not count(trace, "miss")) or "none"
+        return ", ".join(policy.upper() for policy, trace in result.items() if not misses(trace)) or "none"
 
 
 @dataclass(frozen=True)
@@ -246,14 +251,10 @@ class StarvedPair(Experiment):
 
     def shares(self, trace: Trace) -> list[tuple[int, str, int]]:
         """(abort, task, main time granted until then) of every job aborted, in ms."""
-        switch = trace.rows("switch")
-        task, start, end = switch[:, 2], switch[:, 0], np.append(switch[1:, 0], trace.end)
-        release = {(t, job): at for _, _, t, _, at, job in trace.rows("release").tolist()}
-        found = []
-        for time, _, who, _, _, job in trace.rows("abort").tolist():
-            inside = (task == who) & (start >= release[who, job]) & (end <= time)
-            found.append((time, trace.names[who], int((end - start)[inside].sum())))
-        return found
+        table = jobs(trace)
+        aborted = np.flatnonzero(table.abort >= 0)
+        found = zip(table.abort[aborted].tolist(), table.task[aborted].tolist(), table.main[aborted].tolist(), strict=True)
+        return sorted((time, trace.names[task], main) for time, task, main in found)
 
     def starved(self, trace: Trace) -> list[tuple[int, str, int]]:
         """Those of them with less than their expected time."""
@@ -275,7 +276,7 @@ class StarvedPair(Experiment):
     def metrics(self, result: Trace) -> list[Metric]:
         pairs, verdict = self.pairs(), taft_test(self.pairs())
         used, hungry = float(taft_utilization(pairs)), self.starved(result)
-        missed = count(result, "miss")
+        missed = misses(result)
         return [
             Metric("sum of (ECET + EP) / T", used, good=used <= 1, note="necessary; not sufficient"),
             Metric("accepted by the safe test", verdict.accepted, good=verdict.accepted, note=f"{verdict.test}: {verdict.why}"),
@@ -295,7 +296,7 @@ def check_rm_misses(answer: Schedules) -> Feedback:
     if answer.work != "worst":
         return Feedback(False, "let every job take its C: a set is judged by its worst case.")
     load, result = 100 * float(utilization(answer.tasks())), answer.run()
-    rm, edf = (count(result[policy], "miss") for policy in ("rm", "edf"))
+    rm, edf = (misses(result[policy]) for policy in ("rm", "edf"))
     told = f"utilisation {load:.1f} %, {rm} misses under RM, {edf} under EDF"
     if edf or not rm:
         return Feedback(False, f"{told}; RM is to miss and EDF not.")
@@ -324,7 +325,9 @@ def check_fed_pair(answer: StarvedPair) -> Feedback:
         return Feedback(False, "change EP2 only.")
     hungry = len(answer.starved(answer.run()))
     if hungry or not taft_test(answer.pairs()).accepted:
-        return Feedback(False, f"with an exception part of {answer.EP2} ms {hungry} main parts get less than their expected time.")
+        return Feedback(
+            False, f"with an exception part of {answer.EP2} ms {hungry} main parts get less than their expected time."
+        )
     longer = StarvedPair(EP2=answer.EP2 + 1)
     more = taft_test(longer.pairs()).accepted
     return Feedback(not more, f"{answer.EP2} ms is safe{', but so is 1 ms more' if more else ', and 1 ms more is not'}.")

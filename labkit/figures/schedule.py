@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from labkit.figures.style import BLUE, GREY, INK, LEGEND, VERMILION, axis, colours, layout
-from labkit.scheduler.jobs import EP
-from labkit.trace import Trace
+from labkit.trace import Jobs, Trace, jobs
+from labkit.trace.jobs import owners
 
 BAR, THIN = 0.56, 0.1  # heights in a row of height 1: a slice, the wait of an unfinished job
 EXCEPTION = {
@@ -121,12 +121,12 @@ def _legend(pairs: bool) -> list[dict[str, Any]]:
 
 def _traces(trace: Trace, row: Mapping[str, float], deadlines: Mapping[str, int], end: float, yaxis: str) -> list[dict[str, Any]]:
     limit = end * trace.hz / 1e3
-    owner = [name.removesuffix(EP) for name in trace.names]
+    of, exception = owners(trace)
+    owner = [trace.names[task] for task in of.tolist()]
     colour = colours(row)
     switch = trace.rows("switch")
     task, start, level = switch[:, 2], switch[:, 0], switch[:, 4]
     stop = np.append(start[1:], trace.end)
-    exception = np.array([name.endswith(EP) and name.removesuffix(EP) in trace.names for name in trace.names])
     taft = exception.any()
 
     def bars(kept: np.ndarray, label: str, shade: Callable[[str], str] = str, **marker: Any) -> dict[str, Any]:
@@ -146,22 +146,22 @@ def _traces(trace: Trace, row: Mapping[str, float], deadlines: Mapping[str, int]
             "hovertemplate": f"%{{customdata}}{label}<br>from %{{base:.3f}} ms for %{{x:.3f}} ms<extra></extra>",
         }
 
-    def marks(kind: str, marker: dict[str, Any], label: str) -> dict[str, Any]:
-        rows = trace.rows(kind)
-        rows = rows[rows[:, 0] <= limit]
+    def marks(time: np.ndarray, task: np.ndarray, job: np.ndarray, marker: dict[str, Any], label: str) -> dict[str, Any]:
+        shown = (time >= 0) & (time <= limit)
         return {
             "type": "scatter",
             "mode": "markers",
-            "x": _ms(trace, rows[:, 0]),
-            "y": [row[owner[t]] for t in rows[:, 2].tolist()],
+            "x": _ms(trace, time[shown]),
+            "y": [row[owner[t]] for t in task[shown].tolist()],
             "yaxis": yaxis,
             "marker": marker,
             "cliponaxis": False,
             "showlegend": False,
-            "customdata": rows[:, 5],
+            "customdata": job[shown],
             "hovertemplate": f"{label}: job %{{customdata}} at %{{x:.3f}} ms<extra></extra>",
         }
 
+    table = jobs(trace)
     releases = trace.rows("release")
     releases = releases[releases[:, 0] <= limit]
     names = [owner[t] for t in releases[:, 2].tolist()]
@@ -170,7 +170,7 @@ def _traces(trace: Trace, row: Mapping[str, float], deadlines: Mapping[str, int]
     shown = due <= limit
     ran = exception[task] & (task >= 0)
     return [
-        _waiting(trace, row, limit, yaxis),
+        _waiting(trace, table, row, limit, yaxis),
         bars(~ran & ~(taft & (level == 0)), ""),
         bars(~ran & taft & (level == 0), ", beyond its expected time", pale),
         bars(ran, ", exception part", **EXCEPTION),
@@ -195,29 +195,27 @@ def _traces(trace: Trace, row: Mapping[str, float], deadlines: Mapping[str, int]
             "showlegend": False,
             "hovertemplate": "release %{x:.3f} ms<extra></extra>",
         },
-        marks("abort", ABORT, "main part aborted"),
-        marks("miss", MISS, "deadline missed"),
+        marks(table.abort, table.task, table.job, ABORT, "main part aborted"),
+        marks(np.where(table.missed, table.deadline, -1), table.task, table.job, MISS, "deadline missed"),
     ]
 
 
-def _waiting(trace: Trace, row: Mapping[str, float], limit: float, yaxis: str) -> dict[str, Any]:
-    """A thin bar from the release of each job to its end, under the slices: where only it is seen, the job waits."""
-    ends: dict[tuple[str, int], int] = {}
-    told = trace.rows("complete", "miss")
-    for time, _, task, _, _, job in told[told[:, 0] <= limit].tolist():
-        key = trace.names[task].removesuffix(EP), job
-        ends[key] = max(time, ends.get(key, 0))
-    releases = trace.rows("release")
-    begun = [
-        (trace.names[task], time, ends.get((trace.names[task], job), min(int(limit), trace.end)))
-        for time, _, task, _, _, job in releases[releases[:, 0] < limit].tolist()
-    ]
+def _waiting(trace: Trace, table: Jobs, row: Mapping[str, float], limit: float, yaxis: str) -> dict[str, Any]:
+    """A thin bar from the release of each job to its end, under the slices: where only it is seen, the job waits.
+
+    A job that is not complete in the picture waits to its end; one whose exception part came too late is dropped when it is due.
+    """
+    begun = (table.release >= 0) & (table.release < limit)
+    last = min(int(limit), trace.end)
+    dropped = (table.abort >= 0) & table.missed
+    release, ended = table.release[begun], np.where(dropped, table.deadline, table.completion)[begun]
+    end = np.where((ended >= 0) & (ended <= limit), ended, last)
     return {
         "type": "bar",
         "orientation": "h",
-        "base": [_ms(trace, b) for _, b, _ in begun],
-        "x": [_ms(trace, e - b) for _, b, e in begun],
-        "y": [row[name] for name, _, _ in begun],
+        "base": _ms(trace, release),
+        "x": _ms(trace, end - release),
+        "y": [row[trace.names[task]] for task in table.task[begun].tolist()],
         "width": THIN,
         "yaxis": yaxis,
         "marker": {"color": GREY, "line": {"width": 0}},

@@ -30,12 +30,13 @@ import numpy as np
 
 from labkit.phases.windows import Part, phases_of, windows
 from labkit.scheduler.analysis import Verdict, taft_test
-from labkit.scheduler.jobs import EP, EXCEPTION, MP, Jobs, Outcome, slices, trace_of
+from labkit.scheduler.jobs import EXCEPTION, MP, Outcome, Releases, trace_of
 from labkit.scheduler.periodic import simulate
 from labkit.scheduler.taft import PRIORITY
 from labkit.scheduler.tasksets import PeriodicTask, TaskPair
+from labkit.trace import Trace, slices
+from labkit.trace.jobs import MAIN
 from labkit.trace.kinds import CODE
-from labkit.trace.trace import Trace
 
 #: The designs, by number from 1.
 DESIGNS = ("edf thread", "taft thread", "taft thread, wcet", "taft phases", "taft releases", "taft windows")
@@ -152,8 +153,8 @@ def _thread(chain: list[Part], design: int, load: np.ndarray, period_ns: int) ->
     thread = PeriodicTask("chain", budget, period_ns) if design == 0 else TaskPair("chain", budget, ep, period_ns)
     run = simulate([thread], "edf" if design == 0 else "taft", until, {"chain": load.sum(axis=1)}, NS)
 
-    ran = slices(run)
-    main, rescue = ran[ran[:, 0] == 0], ran[ran[:, 0] == 1]
+    ran = slices(run).rows()[:, 1:]  # part, job, start, end
+    main, rescue = ran[ran[:, 0] == MAIN], ran[ran[:, 0] != MAIN]
     aborts = run.rows("abort")
     fell = np.full(periods + 2, -1)
     fell[aborts[:, 5]] = aborts[:, 0]
@@ -169,7 +170,7 @@ def _thread(chain: list[Part], design: int, load: np.ndarray, period_ns: int) ->
     stop = np.minimum(main[:, [2]] + done, main[:, [3]])
     whole = main[:, [2]] + done <= main[:, [3]]
     hit = ~whole & (np.cumsum(~whole, axis=1) == 1) & (fell[number] >= 0)[:, None]
-    jobs = Jobs(
+    jobs = Releases(
         np.tile(np.arange(parts), len(main)),
         np.repeat(number, parts),
         np.repeat(number * period_ns, parts),
@@ -193,16 +194,9 @@ def _thread(chain: list[Part], design: int, load: np.ndarray, period_ns: int) ->
         np.where(whole, stop, -1).ravel(),
         np.where(hit, fell[number][:, None], -1).ravel(),
         np.where(hit, recovered[number][:, None], -1).ravel(),
-        _missed(whole, stop, hit, recovered[number], jobs.deadline, until),
     )
     names = [part.name for part in chain]
-    return verdict, trace_of(jobs, outcome, [*names, *(name + EP for name in names)], PRIORITY[outcome.part], until, NS)
-
-
-def _missed(whole, stop, hit, recovered, deadline: np.ndarray, until: int) -> np.ndarray:
-    """Parts that were not complete at the thread's deadline, unless the thread's exception part came in time for them."""
-    in_time = (whole & (stop.ravel() <= deadline).reshape(stop.shape)) | (hit & (recovered >= 0)[:, None])
-    return np.where(in_time.ravel() | (deadline > until), -1, deadline)
+    return verdict, trace_of(jobs, outcome, names, PRIORITY[outcome.part], until, NS, exceptions=True)
 
 
 def phase_times(trace: Trace, parts: int, periods: int, period_ns: int) -> PhaseTimes:
@@ -213,12 +207,12 @@ def phase_times(trace: Trace, parts: int, periods: int, period_ns: int) -> Phase
     for _, _, who, _, nominal, job in trace.rows("release").tolist():
         if job < periods:
             release[job, who] = nominal
-    for who, job, begin, finish in slices(trace).tolist():
+    for who, part, job, begin, finish in slices(trace).rows().tolist():
         if job >= periods:
             continue
-        granted = max(0, min(finish, release[job, who % parts] + period_ns) - begin)
-        if who >= parts:
-            exception[job, who - parts] += granted
+        granted = max(0, min(finish, release[job, who] + period_ns) - begin)
+        if part != MAIN:
+            exception[job, who] += granted
         else:
             main[job, who] += granted
             if start[job, who] < 0:
@@ -244,7 +238,7 @@ def guarantees(trace: Trace, chain: Sequence[Part], load: np.ndarray, period_ns:
     begun = times.start >= 0
     enough = np.minimum(load, [part.ecet_ns for part in chain])
 
-    first = list(phases_of(chain).values())[0]
+    first = next(iter(phases_of(chain).values()))
     late_start = np.zeros(begun.shape, bool)
     late_start[:, : len(first)] = (
         ~begun[:, : len(first)] | (times.start >= begins + period_ns)[:, : len(first)] | (times.start < begins)[:, : len(first)]

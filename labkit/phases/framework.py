@@ -39,7 +39,7 @@ from typing import Any
 import numpy as np
 
 from labkit.phases.windows import Part, Window, windows
-from labkit.scheduler.jobs import EP, EXCEPTION, Jobs, Outcome, trace_of
+from labkit.scheduler.jobs import EXCEPTION, Outcome, Releases, trace_of
 from labkit.scheduler.taft import PRIORITY, run_pairs
 from labkit.scheduler.tasksets import TaskPair
 from labkit.trace.trace import Trace
@@ -126,7 +126,7 @@ class Organiser:
     periods: int = field(default=0, init=False)
     running: bool = field(default=False, init=False)
     activations: list[Activation] = field(default_factory=list, init=False)
-    _record: list[tuple[int, Jobs, Outcome]] = field(default_factory=list, init=False, repr=False)
+    _record: list[tuple[int, Releases, Outcome]] = field(default_factory=list, init=False, repr=False)
 
     def start(self, now_ns: int = 0) -> list[Window]:
         """Check 4.14 (5.6), partition the period by 4.18 (5.7), and start at the next multiple of the period after `now_ns`
@@ -175,11 +175,8 @@ class Organiser:
         empty = np.empty(0, np.int64)
         offset, jobs, outcomes = 0, [], []
         for begin, some, outcome in self._record:
-            moved = [
-                np.where(at >= 0, at + begin, -1)
-                for at in (outcome.completed, outcome.aborted, outcome.recovered, outcome.missed)
-            ]
-            jobs.append(Jobs(some.task, some.number, some.release + begin, some.deadline + begin, some.time))
+            moved = [np.where(at >= 0, at + begin, -1) for at in (outcome.completed, outcome.aborted, outcome.recovered)]
+            jobs.append(Releases(some.task, some.number, some.release + begin, some.deadline + begin, some.time))
             outcomes.append(Outcome(outcome.job + offset, outcome.part, outcome.start + begin, outcome.end + begin, *moved))
             offset += len(some)
 
@@ -187,14 +184,9 @@ class Organiser:
             return [np.concatenate([getattr(record, name) for record in records]) if records else empty for name in fields]
 
         every = Outcome(*joined(outcomes, Outcome.__dataclass_fields__))
-        made = Jobs(*joined(jobs, Jobs.__dataclass_fields__))
+        made = Releases(*joined(jobs, Releases.__dataclass_fields__))
         return trace_of(
-            made,
-            every,
-            [*names, *(name + EP for name in names)],
-            PRIORITY[every.part],
-            max(1, self.periods) * self.period_ns,
-            1_000_000_000,
+            made, every, names, PRIORITY[every.part], max(1, self.periods) * self.period_ns, 1_000_000_000, exceptions=True
         )
 
     def _chain(self) -> list[Part]:
@@ -207,7 +199,7 @@ class Organiser:
         count = len(pairs)
         zero, index = np.zeros(count, np.int64), np.arange(count)
         need = np.array([times[-1] if times else 1 for times, _ in steps], dtype=np.int64)
-        jobs, outcome = run_pairs(pairs, Jobs(index, zero, zero, zero + length, need), length)
+        jobs, outcome = run_pairs(pairs, Releases(index, zero, zero, zero + length, need), length)
         granted = np.zeros(count, np.int64)
         np.add.at(granted, outcome.job, np.where(outcome.part < EXCEPTION, outcome.end - outcome.start, 0))
         results = {}
@@ -221,7 +213,7 @@ class Organiser:
         begin = self.periods * self.period_ns + window.release_ns
         aborted = tuple(part.name for part, fell in zip(unit.parts, outcome.aborted, strict=True) if fell >= 0)
         self._record.append(
-            (begin, Jobs(jobs.task + first, jobs.number + self.periods, jobs.release, jobs.deadline, jobs.time), outcome)
+            (begin, Releases(jobs.task + first, jobs.number + self.periods, jobs.release, jobs.deadline, jobs.time), outcome)
         )
         self.activations.append(
             Activation(self.periods, unit.name, self.start_ns + begin + int(ends[last]), unit.parts[last].name, results, aborted)

@@ -27,6 +27,7 @@ import numpy as np
 from labkit.phases.designs import DesignRun, PhaseTimes, phase_times, run_design
 from labkit.phases.windows import Part
 from labkit.scheduler.execution import ExecutionModel, fit_log_normal, log_normal
+from labkit.trace import jobs
 
 MS = 1_000_000
 PERIOD_NS, RESERVE_NS = 100 * MS, 2 * MS
@@ -119,7 +120,7 @@ def experiment_1(
     times = phase_times(run.trace, len(chain), periods, period_ns)
     mine = np.array([part.phase == CONTOUR for part in chain])
     aborted = times.aborted >= 0
-    missed = run.trace.rows("miss")
+    late = jobs(run.trace)
     return Experiment1(
         run,
         times,
@@ -128,5 +129,5 @@ def experiment_1(
         int(aborted[:, mine].any(axis=1).sum()),
         int(aborted[:, mine].sum()),
         int(aborted[:, ~mine].sum()),
-        int(np.sum(missed[:, 5] < periods)),
+        int(np.sum(late.missed & (late.job < periods))),
     )

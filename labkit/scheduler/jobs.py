@@ -1,19 +1,15 @@
-"""Jobs of periodic tasks, the trace of a schedule of them, and the folds that read jobs and slices back out of that trace."""
+"""The jobs that periodic tasks release, and the trace of a schedule of them; `labkit.trace` reads slices and jobs out of it."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from labkit.scheduler.tasksets import PeriodicTask, TaskPair, check_names
 from labkit.trace.kinds import CODE, STATES
 from labkit.trace.trace import Trace
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 #: In a TAFT trace the exception part of task `x` is a name of its own, `x.ep`; `x` is the main part.
 EP = ".ep"
@@ -28,7 +24,7 @@ MP, BEYOND, EXCEPTION = 0, 1, 2  # the part a slice belongs to: main, main beyon
 
 
 @dataclass(frozen=True, eq=False)
-class Jobs:
+class Releases:
     """All jobs released before some instant, in order of rank, the most urgent first; int64 arrays of shape (n,).
 
     `task` indexes the task list, `number` counts the jobs of a task from 0, `time` is what the job needs to complete.
@@ -43,8 +39,8 @@ class Jobs:
     def __len__(self) -> int:
         return len(self.task)
 
-    def ordered(self, order: np.ndarray) -> Jobs:
-        return Jobs(*(column[order] for column in (self.task, self.number, self.release, self.deadline, self.time)))
+    def ordered(self, order: np.ndarray) -> Releases:
+        return Releases(*(column[order] for column in (self.task, self.number, self.release, self.deadline, self.time)))
 
     @property
     def arrivals(self) -> np.ndarray:
@@ -52,7 +48,7 @@ class Jobs:
         return np.argsort(self.release, kind="stable")
 
 
-def release_jobs(tasks: Iterable[PeriodicTask | TaskPair], until: int, times: Mapping[str, Sequence[int]]) -> Jobs:
+def release_jobs(tasks: Iterable[PeriodicTask | TaskPair], until: int, times: Mapping[str, Sequence[int]]) -> Releases:
     """The jobs released before `until`, task by task.
 
     Args:
@@ -83,7 +79,7 @@ def release_jobs(tasks: Iterable[PeriodicTask | TaskPair], until: int, times: Ma
     periods, offsets, deadlines = (np.array([getattr(t, field) for t in tasks]) for field in ("period", "offset", "deadline"))
     release = offsets[task] + number * periods[task]
     time = np.concatenate([_times(t, times.get(t.name), count) for t, count in zip(tasks, counts, strict=True)])
-    return Jobs(task, number, release, release + deadlines[task], time)
+    return Releases(task, number, release, release + deadlines[task], time)
 
 
 def _times(task: PeriodicTask | TaskPair, times: Sequence[int] | None, count: int) -> np.ndarray:
@@ -107,7 +103,7 @@ class Outcome:
     """What became of the jobs. Slices in order of time: `job` (index into the jobs), `part` (MP, BEYOND, EXCEPTION), `start`,
     `end`.
 
-    Per job, -1 for what never happened: `completed` (main part), `aborted`, `recovered` (exception part complete), `missed`.
+    Per job, -1 for what never happened: `completed` (main part), `aborted`, `recovered` (exception part complete).
     """
 
     job: np.ndarray
@@ -117,20 +113,23 @@ class Outcome:
     completed: np.ndarray
     aborted: np.ndarray
     recovered: np.ndarray
-    missed: np.ndarray
 
 
-def trace_of(jobs: Jobs, outcome: Outcome, names: Sequence[str], priority: np.ndarray, until: int, hz: int) -> Trace:
+def trace_of(
+    jobs: Releases, outcome: Outcome, names: Sequence[str], priority: np.ndarray, until: int, hz: int, exceptions: bool = False
+) -> Trace:
     """The schedule as a trace from 0 to `until`.
 
-    Of one instant the ends come first (complete, abort, miss), then release and ready, then switch. Ends at `until` are included,
-    releases are not. A job of which nothing ran between abort and completion is told in that order.
+    Of one instant the ends come first (complete, abort), then release with its deadline and ready, then switch. Ends at `until`
+    are included, releases are not. A job of which nothing ran between abort and completion is told in that order.
 
     Args:
-        names: of the tasks; if any job was or may be aborted, followed by those of the exception parts.
+        names: of the tasks.
         priority: of each slice, for the `switch` rows.
+        exceptions: whether the tasks have exception parts; their names, with `EP` behind that of the task, come after the tasks'.
     """
-    tasks = len(names) // 2 if names[-1].endswith(EP) and names[-1].removesuffix(EP) in names else len(names)
+    tasks = len(names)
+    names = (*names, *(name + EP for name in names if exceptions))
     parts = []  # (time, order within the instant, kind, task, other, value, extra)
 
     def add(at: np.ndarray, order: int | np.ndarray, kind: str, task: np.ndarray, other, value, extra) -> None:
@@ -146,8 +145,8 @@ def trace_of(jobs: Jobs, outcome: Outcome, names: Sequence[str], priority: np.nd
     add_ends(outcome.completed, 0, "complete", jobs.task)
     add_ends(outcome.aborted, 1, "abort", jobs.task)
     add_ends(outcome.recovered, np.where(outcome.recovered > outcome.aborted, 0, 2), "complete", exception)
-    add_ends(outcome.missed, 3, "miss", np.where(fallen, exception, jobs.task))
     add(jobs.release, 4, "release", jobs.task, -1, jobs.release, jobs.number)
+    add(jobs.release, 4, "deadline", jobs.task, -1, jobs.deadline, jobs.number)
     add(jobs.release, 5, "ready", jobs.task, -1, 0, -1)
     waits = fallen & (outcome.recovered != outcome.aborted) & (outcome.aborted < until)
     add(outcome.aborted[waits], 5, "ready", exception[waits], -1, 0, -1)
@@ -160,10 +159,11 @@ def trace_of(jobs: Jobs, outcome: Outcome, names: Sequence[str], priority: np.nd
     else:
         order = np.lexsort((table[3], table[1], table[0]))
     columns = np.ascontiguousarray(table[[0, 2, 3, 4, 5, 6]][:, order])
-    return Trace(*columns, names=tuple(names), hz=hz, start=0, end=until)
+    of = (*(-1 for _ in range(tasks)), *range(tasks)) if exceptions else ()
+    return Trace(*columns, names=names, hz=hz, start=0, end=until, exception_of=of)
 
 
-def _switches(jobs: Jobs, outcome: Outcome, priority: np.ndarray, tasks: int, until: int) -> tuple[np.ndarray, ...]:
+def _switches(jobs: Releases, outcome: Outcome, priority: np.ndarray, tasks: int, until: int) -> tuple[np.ndarray, ...]:
     """Time, task, priority, task before and its state, of every switch; -1 is idle."""
     job, part, start, end = outcome.job, outcome.part, outcome.start, outcome.end
     if not len(job):
@@ -190,112 +190,3 @@ def _switches(jobs: Jobs, outcome: Outcome, priority: np.ndarray, tasks: int, un
     over = (left >= 0) & (left <= time)  # its job had ended by then
     state = np.where(who == before, STATES.index("running"), np.where(over, STATES.index("blocked"), STATES.index("ready")))
     return time, who, value, before, np.where(before < 0, -1, state)
-
-
-# --------------------------------------------------------------------------------------------------- reading a schedule
-
-
-def slices(trace: Trace) -> np.ndarray:
-    """When each job ran: int64 array of shape (n, 4), columns (task, job number, start, end) in order of start.
-
-    `task` indexes `trace.names`, so that a slice of an exception part has that of `x.ep`. Contiguous slices of one job are one.
-    """
-    switch = trace.rows("switch")
-    task, start = switch[:, 2], switch[:, 0]
-    end = np.append(start[1:], trace.end)
-    keep = (task >= 0) & (end > start)
-    task, start, end = task[keep], start[keep], end[keep]
-    number = np.zeros_like(task)
-    ends, begins = trace.rows("complete", "abort"), {kind: trace.rows(kind) for kind in ("release", "abort")}
-    for code, name in enumerate(trace.names):
-        mine = task == code
-        over = ends[ends[:, 2] == code]
-        base = _base(trace, name)
-        if base != name:  # an exception part belongs to the last job aborted
-            begun = begins["abort"][begins["abort"][:, 2] == trace.code(base)]
-            number[mine] = begun[np.searchsorted(begun[:, 0], start[mine], side="right") - 1, 5]
-            continue
-        released = begins["release"][begins["release"][:, 2] == code, 5]  # a slice belongs to the job whose end comes next
-        open_job = released[~np.isin(released, over[:, 5])][:1]
-        number[mine] = np.append(over[:, 5], open_job)[np.searchsorted(over[:, 0], start[mine], side="right")]
-    table = np.stack([task, number, start, end], axis=1)
-    if not len(table):
-        return table
-    first = np.ones(len(table), bool)
-    first[1:] = (table[1:, :2] != table[:-1, :2]).any(axis=1) | (start[1:] != end[:-1])
-    merged = table[first]
-    merged[:, 3] = end[np.append(first[1:], True)]
-    return merged
-
-
-def job_table(trace: Trace) -> pd.DataFrame:
-    """One row per job of a schedule, by task and number, times in units of the trace.
-
-    Columns: task, job, release, deadline (<NA> if nothing in the trace tells it), end (of the main part or, after an abort, of
-    the exception part), aborted, missed, main and exception (processor time granted to either part), response (end - release).
-    What has not happened is <NA>.
-    """
-    import pandas as pd
-
-    owner = np.array([trace.names.index(_base(trace, name)) for name in trace.names], dtype=np.int64)
-    exception = owner != np.arange(len(owner))
-    released = trace.rows("release")
-    released = released[np.lexsort((released[:, 5], released[:, 2]))]
-    span = int(released[:, 5].max(initial=0)) + 1
-    key = released[:, 2] * span + released[:, 5]
-
-    def place(task: np.ndarray, job: np.ndarray) -> np.ndarray:
-        return np.searchsorted(key, owner[task] * span + job)
-
-    columns = {name: np.full(len(key), -1) for name in ("deadline", "end", "aborted", "missed")}
-    for kind, column in (("complete", "end"), ("abort", "aborted"), ("miss", "missed")):
-        rows = trace.rows(kind)
-        at = place(rows[:, 2], rows[:, 5])
-        columns[column][at], columns["deadline"][at] = rows[:, 0], rows[:, 4]
-    ran = slices(trace)
-    at, part = place(ran[:, 0], ran[:, 1]), exception[ran[:, 0]]
-    main, rescue = np.zeros(len(key), np.int64), np.zeros(len(key), np.int64)
-    np.add.at(main, at[~part], (ran[:, 3] - ran[:, 2])[~part])
-    np.add.at(rescue, at[part], (ran[:, 3] - ran[:, 2])[part])
-
-    def known(values: np.ndarray) -> pd.arrays.IntegerArray:
-        return pd.arrays.IntegerArray(values, values < 0)
-
-    response = np.where(columns["end"] < 0, -1, columns["end"] - released[:, 4])
-    return pd.DataFrame(
-        {
-            "task": np.array(trace.names, dtype=object)[released[:, 2]],
-            "job": released[:, 5],
-            "release": released[:, 4],
-            **{name: known(values) for name, values in columns.items()},
-            "main": main,
-            "exception": rescue,
-            "response": known(response),
-        }
-    )
-
-
-def _base(trace: Trace, name: str) -> str:
-    base = name.removesuffix(EP)
-    return base if base in trace.names else name
-
-
-def totals(trace: Trace) -> pd.DataFrame:
-    """Per task: jobs, completed, aborted, missed, time granted to the main and exception parts, worst response; attribute `idle`.
-
-    `totals(trace).attrs["idle"]` is the time in which nothing ran.
-    """
-    jobs = job_table(trace)
-    by = jobs.groupby("task", sort=False)
-    frame = by.agg(
-        jobs=("job", "count"),
-        aborted=("aborted", "count"),
-        missed=("missed", "count"),
-        main=("main", "sum"),
-        exception=("exception", "sum"),
-        response=("response", "max"),
-    )
-    frame.insert(1, "completed", (jobs["end"].notna() & jobs["aborted"].isna()).groupby(jobs["task"], sort=False).sum())
-    ran = slices(trace)
-    frame.attrs["idle"] = int(trace.end - trace.start - np.sum(ran[:, 3] - ran[:, 2]))
-    return frame

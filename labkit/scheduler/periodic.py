@@ -22,7 +22,7 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 
 from labkit.scheduler.dispatch import dispatch
-from labkit.scheduler.jobs import MP, Jobs, Outcome, release_jobs, trace_of
+from labkit.scheduler.jobs import MP, Outcome, Releases, release_jobs, trace_of
 from labkit.scheduler.taft import schedule_pairs
 from labkit.scheduler.tasksets import PeriodicTask, TaskPair, check_names
 from labkit.trace.trace import Trace
@@ -49,9 +49,9 @@ def simulate(
         hz: time units per second; 1000 makes the unit a millisecond.
 
     Returns:
-        The trace: release, ready, complete, abort, miss and switch rows. A `switch` has as priority the place of the task counted
-        from the least urgent (rm, dm), 0 (edf), or 2 exception part, 1 main part within its expected time, 0 beyond it (taft).
-        `labkit.scheduler.jobs` reads jobs and slices out of it.
+        The trace: release, deadline, ready, complete, abort and switch rows. A `switch` has as priority the place of the task
+        counted from the least urgent (rm, dm), 0 (edf), or 2 exception part, 1 main part within its expected time, 0 beyond it
+        (taft). `labkit.trace.jobs` and `labkit.trace.slices` read jobs and slices out of it.
 
     Raises:
         ValueError: unknown policy, wrong kind of task, or what `release_jobs` refuses.
@@ -84,13 +84,12 @@ def priority_places(tasks: Sequence[PeriodicTask], policy: str) -> np.ndarray:
     return np.argsort(np.argsort(by, kind="stable"))
 
 
-def _run(jobs: Jobs, until: int) -> Outcome:
+def _run(jobs: Releases, until: int) -> Outcome:
     arrivals = jobs.arrivals
     left = jobs.time.tolist()
     who, start, end = dispatch(jobs.release[arrivals].tolist(), arrivals.tolist(), left, until)
     completed = np.full(len(jobs), -1)
     completed[who] = end  # of repeated indices the last one counts
     completed[np.array(left, dtype=np.int64) > 0] = -1
-    late = (jobs.deadline <= until) & ((completed < 0) | (completed > jobs.deadline))
     never = np.full(len(jobs), -1)
-    return Outcome(who, np.full(len(who), MP), start, end, completed, never, never, np.where(late, jobs.deadline, -1))
+    return Outcome(who, np.full(len(who), MP), start, end, completed, never, never)

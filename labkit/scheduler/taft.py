@@ -39,21 +39,21 @@ import numpy as np
 
 from labkit.scheduler.analysis.taft import latest_slots
 from labkit.scheduler.dispatch import dispatch
-from labkit.scheduler.jobs import BEYOND, EP, EXCEPTION, Jobs, Outcome, release_jobs, trace_of
+from labkit.scheduler.jobs import BEYOND, EXCEPTION, Outcome, Releases, release_jobs, trace_of
 from labkit.scheduler.tasksets import TaskPair
 from labkit.trace.trace import Trace
 
 NEVER = 1 << 62
 
 
-def schedule_pairs(pairs: Sequence[TaskPair], jobs: Jobs, until: int, hz: int) -> Trace:
+def schedule_pairs(pairs: Sequence[TaskPair], jobs: Releases, until: int, hz: int) -> Trace:
     """The TAFT schedule of these jobs from 0 to `until`; names are those of the pairs, then each with `.ep` behind it."""
     names = [pair.name for pair in pairs]
     jobs, outcome = run_pairs(pairs, jobs, until)
-    return trace_of(jobs, outcome, [*names, *(name + EP for name in names)], PRIORITY[outcome.part], until, hz)
+    return trace_of(jobs, outcome, names, PRIORITY[outcome.part], until, hz, exceptions=True)
 
 
-def run_pairs(pairs: Sequence[TaskPair], jobs: Jobs, until: int) -> tuple[Jobs, Outcome]:
+def run_pairs(pairs: Sequence[TaskPair], jobs: Releases, until: int) -> tuple[Releases, Outcome]:
     """The jobs in EDF order, and what became of them."""
     jobs = jobs.ordered(np.lexsort((jobs.number, jobs.task, jobs.deadline)))
     return jobs, _Run(pairs, jobs, until).outcome()
@@ -72,7 +72,7 @@ class _Run:
     their bounds raised.
     """
 
-    def __init__(self, pairs: Sequence[TaskPair], jobs: Jobs, until: int):
+    def __init__(self, pairs: Sequence[TaskPair], jobs: Releases, until: int):
         self.jobs, self.until, self.n = jobs, until, len(jobs)
         ecet = np.array([pair.ecet for pair in pairs])[jobs.task]
         ep = np.array([pair.ep_wcet for pair in pairs])[jobs.task]
@@ -109,8 +109,7 @@ class _Run:
         aborted, recovered = (np.full(n, -1) for _ in range(2))
         for column, events in ((aborted, self.aborted), (recovered, self.recovered)):
             column[list(events)] = list(events.values())
-        late = (self.jobs.deadline <= self.until) & (completed < 0) & (recovered < 0)
-        return Outcome(job, part, start, end, completed, aborted, recovered, np.where(late, self.jobs.deadline, -1))
+        return Outcome(job, part, start, end, completed, aborted, recovered)
 
     def _run(self) -> None:
         n, left, ready, alarms = self.n, self.left, self.ready, self.alarms
@@ -224,7 +223,7 @@ class _Run:
         return sorted([*((start, end, windows[i][4]) for start, end, i in planned if windows[i][4] >= 0), *empty])
 
 
-def _plan(pairs: Sequence[TaskPair], jobs: Jobs, until: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def _plan(pairs: Sequence[TaskPair], jobs: Releases, until: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """The plan of rule 1 as if no job ever completed, int64 arrays.
 
     Returns:

@@ -9,14 +9,18 @@ from typing import IO, Any
 
 import numpy as np
 
-from labkit.scheduler.jobs import EP, slices
 from labkit.scheduler.periodic import POLICIES, simulate
 from labkit.scheduler.tasksets import PeriodicTask, TaskPair, check_names, deadline_monotonic, rate_monotonic
+from labkit.trace import Trace, jobs, slices
+from labkit.trace.jobs import EXCEPTION, MAIN, PARTS, owners
 from labkit.trace.kinds import KINDS
-from labkit.trace.trace import Trace
 
 #: Columns of `schedule_rows`.
 ROW = ("task", "job", "part", "event", "start", "end")
+
+#: Events of `schedule_rows`: those of the trace, and two that follow from it.
+EVENTS = (*KINDS, "miss", "run")
+MISS, RUN = len(KINDS), len(KINDS) + 1
 
 _KNOWN = {"name", "period", "deadline", "offset", "times", "wcet", "ecet", "ep_wcet"}
 
@@ -128,17 +132,21 @@ def schedule_rows(trace: Trace) -> list[tuple[str, int, str, str, int, int]]:
     `ep` after an abort; `abort` of part `mp`; `miss` of the part that was late. Of one instant: complete, abort, miss, release,
     run.
     """
-    names = np.array(trace.names, dtype=object)
-    events = trace.rows("complete", "abort", "miss", "release")
-    rows = [(time, 0, order, who, job, KINDS[kind], time) for order, (time, kind, who, _, _, job) in enumerate(events.tolist())]
-    rows += [(start, 1, 0, who, job, "run", end) for who, job, start, end in slices(trace).tolist()]
-    base = {name + EP for name in names}
-    made = []
-    for start, _, _, who, job, event, end in sorted(rows):
-        name = names[who]
-        part = "ep" if name in base else "mp"
-        made.append((name.removesuffix(EP) if part == "ep" else name, job, part, event, start, end))
-    return made
+    owner, exception = owners(trace)
+    ends, releases, table = trace.rows("complete", "abort"), trace.rows("release"), jobs(trace)
+    rows: list[tuple[int, ...]] = []  # start, order within the instant, order of the trace, task, part, job, event, end
+    for order, (time, kind, who, _, _, job) in enumerate(ends.tolist()):
+        rows.append((time, 0, order, int(owner[who]), int(exception[who]), job, kind, time))
+    late = table.missed
+    part = np.where(table.abort[late] >= 0, EXCEPTION, MAIN)
+    columns = (table.deadline[late], table.task[late], part, table.job[late])
+    rows += [(due, 1, 0, who, part, job, MISS, due) for due, who, part, job in zip(*(c.tolist() for c in columns), strict=True)]
+    rows += [(time, 2, 0, who, MAIN, job, kind, time) for time, kind, who, _, _, job in releases.tolist()]
+    rows += [(start, 3, 0, who, part, job, RUN, end) for who, part, job, start, end in slices(trace).rows().tolist()]
+    return [
+        (trace.names[who], job, PARTS[part], EVENTS[event], start, end)
+        for start, _, _, who, part, job, event, end in sorted(rows)
+    ]
 
 
 def write_schedule(trace: Trace, file: IO[str]) -> None:

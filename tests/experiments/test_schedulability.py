@@ -16,18 +16,19 @@ from labkit.experiments.schedulability import (
     check_beyond_the_bounds,
     check_fed_pair,
     check_rm_misses,
-    count,
+    misses,
 )
 from labkit.scheduler.analysis import taft_test
-from labkit.scheduler.jobs import job_table
 from labkit.scheduler.tasksets import PeriodicTask
+from labkit.trace import jobs
 
 
 def test_buttazzos_set_misses_at_7_under_rm_and_never_under_edf():
     result = Schedules().run()
-    time, _, task, _, deadline, job = result["rm"].rows("miss")[0].tolist()
-    assert (time, result["rm"].names[task], deadline, job) == (7 * MS, "task 2", 7 * MS, 0)
-    assert not count(result["edf"], "miss") and not count(result["taft"], "miss")
+    table = jobs(result["rm"]).frame()
+    first = table[table["missed"]].sort_values("deadline").iloc[0]
+    assert (first["task"], first["job"], first["deadline"], first["completion"]) == ("task 2", 0, 7 * MS, 8 * MS)
+    assert not misses(result["edf"]) and not misses(result["taft"])
 
 
 @settings(max_examples=30)
@@ -37,9 +38,9 @@ def test_all_policies_get_the_same_jobs_and_an_accepted_taft_set_gives_every_par
     releases = {policy: [r[0] for r in trace.rows("release").tolist()] for policy, trace in result.items()}
     assert releases["rm"] == releases["edf"] == releases["taft"]
     if taft_test(experiment.pairs()).accepted:
-        jobs = job_table(result["taft"])
-        ecet = jobs["task"].map({p.name: p.ecet for p in experiment.pairs()})
-        assert (jobs["main"] >= ecet)[jobs["aborted"].notna()].all()
+        table = jobs(result["taft"])
+        ecet = np.array([p.ecet for p in experiment.pairs()])[table.task]
+        assert (table.main >= ecet)[table.abort >= 0].all()
 
 
 def test_random_times_stay_within_c_and_have_the_shape_of_the_contour_filter():
@@ -83,7 +84,7 @@ def test_starvation_is_exactly_what_the_safe_test_excludes(experiment):
     assert verdict.accepted or verdict.exact
     short = bool(experiment.starved(experiment.run()))
     assert not (verdict.accepted and short)
-    assert verdict.accepted or short or count(experiment.run(), "miss") or experiment.measure("sum of (ECET + EP) / T") > 1
+    assert verdict.accepted or short or misses(experiment.run()) or experiment.measure("sum of (ECET + EP) / T") > 1
 
 
 def test_the_run_times_have_the_two_published_numbers():
@@ -107,10 +108,10 @@ def test_the_run_times_have_the_two_published_numbers():
 def test_an_accepted_set_of_filters_aborts_only_what_takes_longer_than_expected(experiment):
     result = experiment.run()
     if taft_test(experiment.pairs()).accepted:
-        assert not count(result.taft, "miss")
-        jobs = job_table(result.taft)
+        assert not misses(result.taft)
+        table = jobs(result.taft).frame()
         longer = {(f"filter {i + 1}", k) for i, k in np.argwhere(result.times > experiment.ECET).tolist()}
-        aborted = jobs[jobs["aborted"].notna()]
+        aborted = table[table["abort"].notna()]
         assert set(zip(aborted["task"], aborted["job"], strict=True)) <= longer
 
 

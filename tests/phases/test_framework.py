@@ -5,7 +5,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from labkit.phases.framework import Organiser, Unit
-from labkit.scheduler.jobs import slices
+from labkit.trace import jobs, slices
+from labkit.trace.jobs import MAIN
 
 
 def steps(costs, mark=None):
@@ -132,15 +133,16 @@ def test_the_trace_shows_every_slice():
     o.start()
     o.run([1, None, 3])
     trace = o.trace()
-    assert [(trace.names[who], job, start, end) for who, job, start, end in slices(trace).tolist() if job == 0] == [
+    rows = slices(trace).rows().tolist()
+    assert [(trace.names[who] + ".ep" * part, job, start, end) for who, part, job, start, end in rows if job == 0] == [
         ("a.m0", 0, 0, 8),
         ("a.m1", 0, 8, 11),
         ("a.m0", 0, 11, 15),
         ("a.m0.ep", 0, 15, 17),
         ("b.m0", 0, 17, 22),
     ]
-    assert sorted(set(slices(trace)[:, 1].tolist())) == [0, 2]
-    assert not len(trace.rows("miss")) and trace.end == 90
+    assert sorted(set(slices(trace).job.tolist())) == [0, 2]
+    assert not jobs(trace).missed.any() and trace.end == 90
 
 
 def test_the_checks_of_the_organiser():
@@ -206,8 +208,9 @@ def test_whatever_the_parts_do_the_period_is_kept(units, spare):
         assert a.period * period + window.release_ns < a.finished_ns <= a.period * period + window.end_ns
     granted = {}
     trace = o.trace()
-    for who, job, start, end in slices(trace).tolist():
-        granted[trace.names[who], job] = granted.get((trace.names[who], job), 0) + end - start
+    for who, part, job, start, end in slices(trace).rows().tolist():
+        if part == MAIN:
+            granted[trace.names[who], job] = granted.get((trace.names[who], job), 0) + end - start
     for parts, u in zip(units, made, strict=True):
         for (costs, ecet, _), part in zip(parts, u.parts, strict=True):
             name = f"{u.name}.{part.name}"

@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 
 from labkit.scheduler.analysis import edf_response_times, processor_demand_test, response_times
 from labkit.scheduler.execution import constant, empirical, fit_log_normal, from_quantiles, log_normal, two_mode, uniform
-from labkit.scheduler.jobs import job_table, slices, totals
 from labkit.scheduler.periodic import simulate
 from labkit.scheduler.taskfile import ROW, read_schedule, schedule, schedule_rows, write_schedule
 from labkit.scheduler.tasksets import PeriodicTask, TaskPair, deadline_monotonic, rate_monotonic
+from labkit.trace import jobs, slices
 
 
 def tasks(*rows):
@@ -26,7 +26,7 @@ def tasks(*rows):
 def line(trace):
     """One character per unit: the number of the task from 1, or - for idle."""
     units = ["-"] * trace.end
-    for who, _, start, end in slices(trace).tolist():
+    for who, _, _, start, end in slices(trace).rows().tolist():
         units[start:end] = str(who + 1) * (end - start)
     return "".join(units)
 
@@ -40,14 +40,15 @@ def test_rtschedule_rm_timeline():
 
 def test_buttazzo_rm_misses_where_edf_does_not():
     pair = tasks((2, 5), (4, 7))
-    rm, edf = (simulate(pair, policy, 35).rows("miss") for policy in ("rm", "edf"))
-    assert rm[0, [0, 2, 5]].tolist() == [7, 1, 0]
-    assert not len(edf)
+    rm, edf = (jobs(simulate(pair, policy, 35)) for policy in ("rm", "edf"))
+    late = np.flatnonzero(rm.missed)
+    assert [[c[i] for c in (rm.task, rm.job, rm.deadline, rm.response, rm.tardiness)] for i in late] == [[1, 0, 7, 8, 1]]
+    assert not edf.missed.any()
 
 
 def test_lehoczky_responses_of_jobs_that_outlive_their_period():
-    table = job_table(simulate(tasks((26, 70), (62, 100, 200)), "rm", 700))
-    assert table[table["task"] == "t1"]["response"].tolist() == [114, 102, 116, 104, 118, 106, 94]
+    table = jobs(simulate(tasks((26, 70), (62, 100, 200)), "rm", 700))
+    assert table.response[table.task == 1].tolist() == [114, 102, 116, 104, 118, 106, 94]
 
 
 def test_equal_priorities_go_by_the_order_in_the_list():
@@ -62,7 +63,7 @@ def test_a_job_may_take_less_than_its_worst_case_and_the_last_time_repeats():
 def test_ends_at_the_end_of_the_schedule_count_and_releases_do_not():
     trace = simulate(tasks((5, 5)), "edf", 10)
     assert trace.rows("complete")[:, 0].tolist() == [5, 10]
-    assert len(trace.rows("release")) == 2 and not len(trace.rows("miss"))
+    assert len(trace.rows("release")) == 2 and not jobs(trace).missed.any()
 
 
 def test_nothing_released_is_an_idle_schedule():
@@ -71,12 +72,19 @@ def test_nothing_released_is_an_idle_schedule():
     assert line(simulate([TaskPair("x", 1, 1, 5, offset=9)], "taft", 9)) == "---------"
 
 
-def test_totals_add_up():
+def test_jobs_and_idle_time_add_up():
     trace = simulate(tasks((1, 5), (2, 10), (5, 15)), "rm", 30)
-    frame = totals(trace)
-    assert frame["main"].tolist() == [6, 6, 10]
-    assert frame.attrs["idle"] == 8 == line(trace).count("-")
-    assert frame["completed"].tolist() == [6, 3, 2]
+    table, ran = jobs(trace), slices(trace)
+    assert np.bincount(table.task, table.main).tolist() == [6, 6, 10]
+    assert np.bincount(table.task[table.completion >= 0]).tolist() == [6, 3, 2]
+    assert trace.end - np.sum(ran.end - ran.start) == 8 == line(trace).count("-")
+
+
+def test_every_release_is_followed_by_its_deadline():
+    trace = simulate(tasks((1, 5, 4), (2, 10)), "dm", 20)
+    at = np.flatnonzero(trace.of("release"))
+    assert trace.of("deadline")[at + 1].all() and (trace.task[at + 1] == trace.task[at]).all()
+    assert (trace.value[at + 1] - trace.value[at]).tolist() == [4, 10, 4, 4, 10, 4]
 
 
 # ------------------------------------------------------------------------------------- the rules, unit by unit; bounds
@@ -84,7 +92,7 @@ def test_totals_add_up():
 
 def by_the_rules(task_list, policy, until, times):
     jobs = [
-        dict(task=i, job=k, release=r, due=r + t.deadline, left=times[i][min(k, len(times[i]) - 1)])
+        {"task": i, "job": k, "release": r, "due": r + t.deadline, "left": times[i][min(k, len(times[i]) - 1)]}
         for i, t in enumerate(task_list)
         for k, r in enumerate(range(t.offset, until, t.period))
     ]
@@ -121,9 +129,10 @@ def test_the_engine_does_what_the_rules_say_unit_by_unit(drawn, policy, until):
     task_list, times = drawn
     trace = simulate(task_list, policy, until, {t.name: some for t, some in zip(task_list, times, strict=True)})
     units = [None] * until
-    for who, job, start, end in slices(trace).tolist():
+    for who, _, job, start, end in slices(trace).rows().tolist():
         units[start:end] = [(who, job)] * (end - start)
-    missed = {(t, who, job) for t, _, who, _, _, job in trace.rows("miss").tolist()}
+    table = jobs(trace)
+    missed = set(zip(*(c[table.missed].tolist() for c in (table.deadline, table.task, table.job)), strict=True))
     assert (units, missed) == by_the_rules(task_list, policy, until, times)
 
 
@@ -213,14 +222,14 @@ def test_the_same_set_under_edf_and_the_file_reads_back():
 def test_bad_sets_are_told_in_one_sentence(change, policy, message):
     bad = json.loads(json.dumps(SET))
     bad["tasks"][0] |= change
-    with pytest.raises(ValueError, match="^[^\n]+$") as error:
+    with pytest.raises(ValueError, match=r"^[^\n]+$") as error:
         schedule(bad, policy, 20)
     assert message in str(error.value)
 
 
 @pytest.mark.parametrize("data", [[], {}, {"tasks": 3}, {"tasks": []}, {"tasks": [7]}, {"tasks": [{"name": "x"}]}, None])
 def test_what_is_no_task_set_is_refused(data):
-    with pytest.raises(ValueError, match="^[^\n]+$"):
+    with pytest.raises(ValueError, match=r"^[^\n]+$"):
         schedule(data, "edf", 20)
 
 
@@ -272,5 +281,5 @@ def test_models_refuse_what_makes_no_sense():
         lambda: from_quantiles([(0, 5), (0.9, 3), (1, 9)]),
         lambda: fit_log_normal(0.9, 140, 50, 400),
     ):
-        with pytest.raises(ValueError, match="^[^\n]+$"):
+        with pytest.raises(ValueError, match=r"^[^\n]+$"):
             wrong()

@@ -9,9 +9,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from labkit.scheduler.analysis import taft_demand_test, taft_plan_test, taft_test, taft_utilization
-from labkit.scheduler.jobs import EP, job_table, slices, totals
+from labkit.scheduler.jobs import EP
 from labkit.scheduler.periodic import simulate
 from labkit.scheduler.tasksets import TaskPair
+from labkit.trace import jobs as jobs_of
+from labkit.trace import slices
+from labkit.trace.jobs import MAIN, PARTS
 from labkit.trace.kinds import KINDS
 
 
@@ -26,7 +29,8 @@ def events(trace, *kinds):
 
 
 def ran(trace):
-    return [(trace.names[who], job, start, end) for who, job, start, end in slices(trace).tolist()]
+    rows = slices(trace).rows().tolist()
+    return [(trace.names[who] + EP * part, job, start, end) for who, part, job, start, end in rows]
 
 
 # ----------------------------------------------------------------------------------------------- one rule at a time
@@ -55,7 +59,8 @@ def test_completing_at_the_instant_of_the_abort_is_completing():
 
 def test_an_empty_exception_part_aborts_at_the_deadline():
     trace = simulate(pairs((2, 0, 6, 5)), "taft", 6, {"p0": [9]})
-    assert events(trace, "abort", "complete", "miss") == [(5, "abort", "p0", 0), (5, "complete", "p0.ep", 0)]
+    assert not jobs_of(trace).missed.any()
+    assert events(trace, "abort", "complete") == [(5, "abort", "p0", 0), (5, "complete", "p0.ep", 0)]
     assert ran(trace) == [("p0", 0, 0, 5)]
 
 
@@ -77,12 +82,12 @@ def test_priorities_in_the_trace_tell_the_class():
 def test_overload_of_exception_parts_is_a_miss_and_ends_with_the_deadline():
     trace = simulate(pairs((1, 4, 5), (1, 4, 5)), "taft", 10)
     assert not taft_plan_test(pairs((1, 4, 5), (1, 4, 5)))
-    assert totals(trace)["missed"].sum() > 0
-    assert slices(trace)[-1, 3] <= 10
+    assert jobs_of(trace).missed.any()
+    assert slices(trace).end[-1] <= 10
 
 
 def test_what_cannot_be_scheduled_is_refused():
-    with pytest.raises(ValueError, match="'p0.ep', the name of the exception part"):
+    with pytest.raises(ValueError, match=r"'p0\.ep', the name of the exception part"):
         simulate([TaskPair("p0", 1, 1, 9), TaskPair("p0.ep", 1, 1, 9)], "taft", 9)
     with pytest.raises(ValueError, match="task 'p0': execution time 0 of job 1; it must be at least 1"):
         simulate(pairs((1, 1, 9)), "taft", 9, {"p0": [3, 0]})
@@ -160,13 +165,18 @@ def by_the_rules(pair_list, until, times):
     return units, told
 
 
-def as_units(trace, tasks, until):
+def as_units(trace, until):
     units = [None] * until
-    for who, job, start, end in slices(trace).tolist():
-        units[start:end] = [(who % tasks, job, "ep" if who >= tasks else "mp")] * (end - start)
+    for who, part, job, start, end in slices(trace).rows().tolist():
+        units[start:end] = [(who, job, PARTS[part])] * (end - start)
     told = {
         (t, "recover" if kind == "complete" and name.endswith(EP) else kind, int(name.removesuffix(EP)[1:]), job)
-        for t, kind, name, job in events(trace, "complete", "abort", "miss")
+        for t, kind, name, job in events(trace, "complete", "abort")
+    }
+    table = jobs_of(trace)
+    late = table.missed
+    told |= {
+        (due, "miss", who, job) for due, who, job in zip(*(c[late].tolist() for c in (table.deadline, table.task, table.job)))
     }
     return units, told
 
@@ -193,7 +203,7 @@ def test_the_engine_does_what_the_rules_say_unit_by_unit(drawn, until):
     if sum(p.ep_wcet / p.period for p in pair_list) > 0.8:
         return
     trace = simulate(pair_list, "taft", until, {p.name: t for p, t in zip(pair_list, times, strict=True)})
-    assert as_units(trace, len(pair_list), until) == by_the_rules(pair_list, until, times)
+    assert as_units(trace, until) == by_the_rules(pair_list, until, times)
 
 
 # ---------------------------------------------------------------- what is promised of accepted sets, on random ones
@@ -219,29 +229,28 @@ def random_pairs(rng, count, load):
 
 def check_promises(pair_list, trace):
     """Every promise, by the trace alone; returns the number of jobs and of aborts."""
-    jobs = job_table(trace)
+    jobs = jobs_of(trace).frame()
     by_name = {p.name: p for p in pair_list}
     ecet = jobs["task"].map({n: p.ecet for n, p in by_name.items()})
     ep = jobs["task"].map({n: p.ep_wcet for n, p in by_name.items()})
     due = jobs["release"] + jobs["task"].map({n: p.deadline for n, p in by_name.items()})
     over = due <= trace.end
-    assert not jobs["missed"].notna().any()
-    assert (jobs["end"][over] <= due[over]).all() and jobs["end"][over].notna().all()
-    fell = jobs["aborted"].notna()
+    assert not jobs["missed"].any()
+    assert (jobs["completion"][over] <= due[over]).all() and jobs["completion"][over].notna().all()
+    fell = jobs["abort"].notna()
     assert (jobs["main"][fell] >= ecet[fell]).all()
     assert (jobs["exception"][~fell] == 0).all()
-    recovered = fell & jobs["end"].notna()
+    recovered = fell & jobs["completion"].notna()
     assert (jobs["exception"][recovered] == ep[recovered]).all()
     ran = slices(trace)
-    exceptional = ran[ran[:, 0] >= len(pair_list)]
-    aborted_at = jobs.set_index(["task", "job"])["aborted"]
-    for who, job, start, _ in exceptional.tolist():
-        assert start >= aborted_at[trace.names[who].removesuffix(EP), job]
+    aborted_at = jobs.set_index(["task", "job"])["abort"]
+    for who, part, job, start, _ in ran.rows().tolist():
+        assert part == MAIN or start >= aborted_at[trace.names[who], job]
 
     # work conserving: when nothing runs, all released jobs have ended
-    busy_until = np.append(0, ran[:, 3])
-    next_start = np.append(ran[:, 2], trace.end)
-    ends = np.sort(jobs["end"].dropna().to_numpy(np.int64))
+    busy_until = np.append(0, ran.end)
+    next_start = np.append(ran.start, trace.end)
+    ends = np.sort(jobs["completion"].dropna().to_numpy(np.int64))
     releases = np.sort(jobs["release"].to_numpy())
     idle = next_start > busy_until
     assert (np.searchsorted(releases, next_start[idle], "left") == np.searchsorted(ends, busy_until[idle], "right")).all()
@@ -255,14 +264,14 @@ def check_latest(pair_list, trace, jobs, due, ep):
 
     Those are the parts of jobs due by d that have not completed before; what a part has run before counts as done.
     """
-    end = jobs["end"].fillna(1 << 60).to_numpy(np.int64)
-    aborted = jobs["aborted"].fillna(1 << 60).to_numpy(np.int64)
+    end = jobs["completion"].fillna(1 << 60).to_numpy(np.int64)
+    aborted = jobs["abort"].fillna(1 << 60).to_numpy(np.int64)
     main_end = np.where(aborted < 1 << 60, 1 << 60, end)
     number = {key: i for i, key in enumerate(zip(jobs["task"], jobs["job"], strict=True))}
     done = [[] for _ in range(len(jobs))]
-    for who, job, start, stop in slices(trace).tolist():
-        if who >= len(pair_list):
-            done[number[trace.names[who].removesuffix(EP), job]].append((start, stop))
+    for who, part, job, start, stop in slices(trace).rows().tolist():
+        if part != MAIN:
+            done[number[trace.names[who], job]].append((start, stop))
     longest = max(p.period for p in pair_list)
     for i in np.flatnonzero((aborted < 1 << 60) & (ep > 0)):
         now = aborted[i]
@@ -302,11 +311,9 @@ def test_the_promises_are_checked():
 def keeps(pair_list, until, needs):
     """Whether a run gives every main part what it needs or its ECET, and has no late exception part."""
     trace = simulate(pair_list, "taft", until, {p.name: need for p, need in zip(pair_list, needs, strict=True)})
-    granted = dict.fromkeys(((who, job) for _, _, who, _, _, job in trace.rows("abort").tolist()), 0)
-    for who, job, start, end in slices(trace).tolist():
-        if (who, job) in granted:
-            granted[who, job] += end - start
-    return not len(trace.rows("miss")) and all(time >= pair_list[who].ecet for (who, _), time in granted.items())
+    table = jobs_of(trace)
+    ecet = np.array([pair.ecet for pair in pair_list])[table.task]
+    return not table.missed.any() and bool((table.main >= ecet)[table.abort >= 0].all())
 
 
 ROWS = [(c, e, t) for t in range(2, 7) for c in range(1, t + 1) for e in range(t - c + 1)]
