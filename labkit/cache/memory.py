@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 from labkit.cache.geometry import is_power_of_two
 
+MOST_BYTES = 256 * 1024 * 1024  # of a region: its bytes are kept, all of them, from the first access on
 _GRAIN = 32  # bytes; the smallest MPU region, so attributes change on multiples of it only
 
 
@@ -68,6 +70,8 @@ class Region:
                 f"region {self.name} at {self.start:#x} with {self.size} bytes; "
                 f"start and size must be multiples of {_GRAIN}, the size above 0"
             )
+        if self.size > MOST_BYTES:
+            raise ValueError(f"region {self.name} has {self.size} bytes; a region has {MOST_BYTES} at most")
 
     @property
     def end(self) -> int:
@@ -134,7 +138,7 @@ class Memory:
 
     def __post_init__(self) -> None:
         ordered = sorted(self.regions, key=lambda region: region.start)
-        for low, high in zip(ordered, ordered[1:]):
+        for low, high in pairwise(ordered):
             if high.start < low.end:
                 raise ValueError(f"regions {low.name} and {high.name} overlap at {high.start:#x}")
         numbers = [region.number for region in self.mpu]

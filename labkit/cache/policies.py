@@ -14,6 +14,8 @@ import numpy as np
 
 from labkit.cache.geometry import is_power_of_two
 
+MOST_LEAVES = 1024  # of a tree: each way has masks of one bit per way
+
 
 class Policy(Protocol):
     def touch(self, index: int, way: int) -> None: ...
@@ -102,9 +104,9 @@ def make_policy(name: str, sets: int, ways: int, seed: int = 0) -> Policy:
 
 
 def check_tree(ways: int) -> None:
-    """A tree needs a power of two of leaves: ValueError otherwise."""
-    if not is_power_of_two(ways):
-        raise ValueError(f"tree-PLRU over {ways} ways; the tree needs a power of two")
+    """A tree needs a power of two of leaves, `MOST_LEAVES` at most: ValueError otherwise."""
+    if not is_power_of_two(ways) or ways > MOST_LEAVES:
+        raise ValueError(f"tree-PLRU over {ways} ways; the tree needs a power of two, {MOST_LEAVES} at most")
 
 
 def tree_path(way: int, ways: int) -> tuple[int, int]:

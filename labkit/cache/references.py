@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import zipfile
+from collections.abc import Iterable
 from dataclasses import dataclass
 from os import PathLike
+from typing import IO
 
 import numpy as np
 
 STORE, LOAD, MODIFY = 1, 2, 3
 OPS = {"write": STORE, "read": LOAD, "modify": MODIFY}
-_COLUMNS = {"op": np.uint8, "addr": np.uint64, "size": np.uint8}
+MOST_IN_FILE = 10_000_000  # references: counting them takes seconds and about 1 GB
+_COLUMNS: dict[str, np.dtype] = {"op": np.dtype(np.uint8), "addr": np.dtype(np.uint64), "size": np.dtype(np.uint8)}
+_HEADER = 16_384  # bytes before the data of an array; numpy writes 128
 
 
 class TraceFileError(ValueError):
@@ -23,11 +28,25 @@ class References:
     Attributes:
         op: uint8 array of shape (n,): 1 store, 2 load, 3 modify (load and store in one).
         address: int64 array of shape (n,), in bytes. size: int64 array of shape (n,), bytes of each reference.
+
+    Raises:
+        ValueError: the arrays differ in length, or a value is not allowed; the first such reference is named.
     """
 
     op: np.ndarray
     address: np.ndarray
     size: np.ndarray
+
+    def __post_init__(self) -> None:
+        if not self.op.shape == self.address.shape == self.size.shape == (len(self.op),):
+            raise ValueError(
+                f"op, address and size have the shapes {self.op.shape}, {self.address.shape} and {self.size.shape}; "
+                "they must be 1-dimensional and of one length"
+            )
+        _check("op", self.op, (self.op < STORE) | (self.op > MODIFY), "1 store, 2 load or 3 modify")
+        _check("size", self.size, self.size < 1, "at least 1 byte")
+        _check("address", self.address, self.address < 0, "at least 0")
+        _check("address", self.address, self.address > 2**63 - 1 - self.size, "at most 2**63 - 1, its size included")
 
     def __len__(self) -> int:
         return len(self.op)
@@ -39,42 +58,83 @@ class References:
 
 def read_trace(path: str | PathLike[str]) -> References:
     """Read a trace of data references: an .npz file with the arrays `op` (uint8: 1 store, 2 load, 3 modify), `addr` (uint64)
-    and `size` (uint8, bytes), all of one length.
+    and `size` (uint8, bytes), all of one length, `MOST_IN_FILE` at most. Nothing is unpacked before its size is known.
 
     Raises:
-        TraceFileError: the file cannot be read, an array is missing, extra, of another dtype, shape or length, or a value is
-            not allowed; one sentence each.
+        TraceFileError: the file cannot be read, an array is missing, extra, too long, of another dtype, shape or length, or a
+            value is not allowed; one sentence each.
     """
     try:
-        file, columns = np.load(path, allow_pickle=False), None
-        if isinstance(file, np.lib.npyio.NpzFile):
-            with file:
-                columns = {name: file[name] for name in file.files}
+        with open(path, "rb") as file:
+            op, addr, size = _unpack(file)
     except FileNotFoundError:
         raise TraceFileError(f"there is no file {path}") from None
-    except Exception as error:  # a damaged file makes zipfile, zlib and numpy raise a dozen different ones
+    except TraceFileError as error:
+        raise TraceFileError(f"{path}: {error}") from None
+    except Exception as error:  # a damaged file makes zipfile and zlib raise a dozen different ones
         why = " ".join(str(error).split()) or type(error).__name__
         raise TraceFileError(f"{path} cannot be read as an .npz file of plain arrays: {why}") from None
-    if columns is None:
-        raise TraceFileError(f"{path} holds a single array; a trace is an .npz file with the arrays op, addr and size")
-    if set(columns) != set(_COLUMNS):
-        raise TraceFileError(f"{path} has the arrays {', '.join(sorted(columns)) or 'none'}; a trace has op, addr and size")
-
-    for name, dtype in _COLUMNS.items():
-        column = columns[name]
-        if column.dtype != dtype or column.ndim != 1:
-            raise TraceFileError(
-                f"{path}: array {name} is {column.ndim}-dimensional {column.dtype}; it must be 1-dimensional {dtype.__name__}"
-            )
-        if len(column) != len(columns["op"]):
-            raise TraceFileError(f"{path}: array {name} has {len(column)} entries and op {len(columns['op'])}; they must agree")
-    _check(path, "op", columns["op"], (columns["op"] < STORE) | (columns["op"] > MODIFY), "1 store, 2 load or 3 modify")
-    _check(path, "size", columns["size"], columns["size"] == 0, "at least 1 byte")
-    _check(path, "addr", columns["addr"], columns["addr"] >= np.uint64(2**63 - 256), "below 2**63 - 256")
-    return References(columns["op"], columns["addr"].astype(np.int64), columns["size"].astype(np.int64))
+    try:
+        _check("addr", addr, addr >= np.uint64(2**63 - 256), "below 2**63 - 256")
+        return References(op, addr.astype(np.int64), size.astype(np.int64))
+    except ValueError as error:
+        raise TraceFileError(f"{path}: {error}") from None
 
 
-def _check(path: str | PathLike[str], name: str, column: np.ndarray, wrong: np.ndarray, allowed: str) -> None:
+def _unpack(file: IO[bytes]) -> list[np.ndarray]:
+    """The arrays of a trace file. numpy's own reader would unpack whatever the file announces, and offers to run code in it."""
+    if file.read(len(np.lib.format.MAGIC_PREFIX)) == np.lib.format.MAGIC_PREFIX:
+        raise TraceFileError("it holds a single array; a trace is an .npz file with the arrays op, addr and size")
+    with zipfile.ZipFile(file) as archive:
+        names = {name.removesuffix(".npy") for name in archive.namelist()}
+        if names != set(_COLUMNS):
+            raise TraceFileError(f"it has the arrays {_listed(names)}; a trace has op, addr and size")
+        columns = [_column(archive, name, dtype) for name, dtype in _COLUMNS.items()]
+    for name, column in zip(_COLUMNS, columns):
+        if len(column) != len(columns[0]):
+            raise TraceFileError(f"array {name} has {len(column)} entries and op {len(columns[0])}; they must agree")
+    return columns
+
+
+def _column(archive: zipfile.ZipFile, name: str, dtype: np.dtype) -> np.ndarray:
+    """One array, refused before anything is unpacked if it is too large, and before its data is if it is of another kind."""
+    member = archive.getinfo(f"{name}.npy")
+    if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+        raise TraceFileError(f"array {name} is compressed by method {member.compress_type}; it must be stored or deflated")
+    if member.file_size > MOST_IN_FILE * dtype.itemsize + _HEADER:
+        raise TraceFileError(f"array {name} unpacks to {member.file_size} bytes; a trace has {MOST_IN_FILE} references at most")
+    with archive.open(member) as file:
+        shape, found = _header(file, name)
+        if found.hasobject:
+            raise TraceFileError(f"it cannot be read as an .npz file of plain arrays; {name} holds Python objects")
+        if found != dtype or len(shape) != 1:
+            raise TraceFileError(f"array {name} is {len(shape)}-dimensional {found}; it must be 1-dimensional {dtype}")
+        if not 0 <= shape[0] <= MOST_IN_FILE:
+            raise TraceFileError(f"array {name} announces {shape[0]} entries; a trace has {MOST_IN_FILE} at most")
+        announced = shape[0] * dtype.itemsize
+        data = file.read(announced + 1)
+    if len(data) != announced:
+        raise TraceFileError(f"array {name} does not hold the {announced} bytes of data that it announces")
+    return np.frombuffer(data, dtype)
+
+
+def _header(file: IO[bytes], name: str) -> tuple[tuple[int, ...], np.dtype]:
+    """Shape and dtype that the header of an array announces."""
+    readers = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
+    try:
+        shape, _, dtype = readers[np.lib.format.read_magic(file)](file)
+    except Exception:  # whatever a damaged header leads Python's parser to
+        raise TraceFileError(f"array {name} has no readable header; it must be in numpy's format 1.0 or 2.0") from None
+    return shape, dtype
+
+
+def _listed(names: Iterable[str]) -> str:
+    """Names from a file as they may be printed: escaped, cut and counted."""
+    shown = [ascii(name)[1:-1][:40] for name in sorted(names)]
+    return ", ".join(shown[:9]) + (f" and {len(shown) - 9} more" if len(shown) > 9 else "") or "none"
+
+
+def _check(name: str, column: np.ndarray, wrong: np.ndarray, allowed: str) -> None:
     if wrong.any():
         at = int(np.argmax(wrong))
-        raise TraceFileError(f"{path}: {name} of reference {at} is {column[at]}; allowed is {allowed}")
+        raise ValueError(f"{name} of reference {at} is {column[at]}; allowed is {allowed}")

@@ -148,7 +148,7 @@ def test_correct_drivers_on_whole_lines_never_fail_whatever_speculation_and_evic
         if step == "transmit":
             assert transmit(cache, dma, buffer(n), data) == data
         elif step == "receive":
-            assert receive(cache, dma, buffer(n), data, during=lambda: cache.speculate(buffer(n))) == data
+            assert receive(cache, dma, buffer(n), data, during=lambda n=n: cache.speculate(buffer(n))) == data
         elif step == "touch":
             cache.write(buffer(n), data)
         elif step == "speculate":

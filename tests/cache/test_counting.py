@@ -178,6 +178,10 @@ def test_three_classes_add_up_and_conflict_may_be_negative():
         ({"size": 0}, "size is 0 bytes; it must be a power of two"),
         ({"line": 24}, "line is 24 bytes; it must be a power of two"),
         ({"line": 2}, "line is 2 bytes; a line holds at least one word of 4 bytes"),
+        ({"line": 8192}, "line is 8192 bytes; a line has 4096 at most"),
+        ({"size": 1 << 40}, "size is 1099511627776 bytes; a cache has 67108864 at most"),
+        ({"size": 1 << 26}, "67108864 bytes in lines of 32 are 2097152 lines; a cache has 1048576 at most"),
+        ({"ways": 1 << 40}, "1099511627776 ways of 32-byte lines do not divide a cache of 16384 bytes"),
         ({"ways": 0}, "ways is 0; a cache has at least 1 way"),
         ({"ways": -4}, "ways is -4; a cache has at least 1 way"),
         ({"ways": 3}, "3 ways of 32-byte lines do not divide a cache of 16384 bytes"),
@@ -195,3 +199,5 @@ def test_a_cache_that_cannot_be_is_refused_in_one_sentence(change, says):
 def test_tree_plru_needs_a_power_of_two():
     with pytest.raises(ValueError, match="tree-PLRU over 3 ways; the tree needs a power of two"):
         POLICIES["plru"](16, 3)
+    with pytest.raises(ValueError, match="tree-PLRU over 2048 ways; the tree needs a power of two, 1024 at most"):
+        POLICIES["plru"](1, 2048)

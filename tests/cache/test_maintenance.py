@@ -156,6 +156,7 @@ def test_shareable_memory_is_not_cached_unless_siwt():
         ),
         (lambda c: Memory([Region("a", 0, 64, WRITE_BACK), Region("b", 32, 64, WRITE_BACK)]), "regions a and b overlap at 0x20"),
         (lambda c: Region("a", 8, 64, WRITE_BACK), "region a at 0x8 with 64 bytes; start and size must be multiples of 32"),
+        (lambda c: Memory.flat(1 << 40), "region memory has 1099511627776 bytes; a region has 268435456 at most"),
         (lambda c: Cache(Memory.flat(96), Geometry(256, 2, 64)), "region memory is no whole number of 64-byte lines"),
         (lambda c: Cache(c.memory, policy="mru"), "no replacement policy 'mru'; there are lru, plru, fifo, random"),
         (lambda c: Cache(Memory.flat(1 << 12), Geometry(256, 2, 64)).memory.flat(0), "region memory at 0x0 with 0 bytes"),

@@ -1,11 +1,15 @@
 """Access patterns and trace files: what they contain and how typos are answered."""
 
+import io
+import tracemalloc
+import zipfile
+
 import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from labkit.cache import DCACHE, TraceFileError, count, count_trace, miss_classes, patterns, read_trace
+from labkit.cache import DCACHE, References, TraceFileError, count, count_trace, miss_classes, patterns, read_trace
 
 
 def rows(references):
@@ -168,13 +172,116 @@ def test_what_is_no_trace_file_is_refused(tmp_path):
     with pytest.raises(TraceFileError, match="there is no file"):
         read_trace(tmp_path / "none.npz")
     (tmp_path / "text.npz").write_text("op addr size")
-    with pytest.raises(TraceFileError, match="cannot be read as an .npz file"):
+    with pytest.raises(TraceFileError, match=r"cannot be read as an \.npz file"):
         read_trace(tmp_path / "text.npz")
     np.save(tmp_path / "one.npy", GOOD["op"])
     with pytest.raises(TraceFileError, match="holds a single array"):
         read_trace(tmp_path / "one.npy")
-    with pytest.raises(TraceFileError, match="cannot be read as an .npz file"):
+    with pytest.raises(TraceFileError, match=r"cannot be read as an \.npz file"):
         read_trace(tmp_path)
+
+
+def archive(path, members, method=zipfile.ZIP_DEFLATED):
+    """A zip file of these members, bytes as they are."""
+    with zipfile.ZipFile(path, "w", method) as made:
+        for name, data in members.items():
+            made.writestr(name, data)
+
+
+def header(entries, dtype="|u1"):
+    """What numpy writes before the data of an array."""
+    file = io.BytesIO()
+    np.lib.format.write_array_header_1_0(file, {"descr": dtype, "fortran_order": False, "shape": (entries,)})
+    return file.getvalue()
+
+
+def refusal(path):
+    """The sentence with which a trace file is refused, and the memory [bytes] that it took."""
+    tracemalloc.start()
+    with pytest.raises(TraceFileError) as error:
+        read_trace(path)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert "\n" not in str(error.value) and "pickle" not in str(error.value)
+    return str(error.value), peak
+
+
+def test_what_would_unpack_to_too_much_is_refused_before_it_is_unpacked(tmp_path):
+    zeros = bytes(1 << 20)
+    with zipfile.ZipFile(tmp_path / "bomb.npz", "w", zipfile.ZIP_DEFLATED) as made:
+        for name in ("op.npy", "addr.npy", "size.npy"):
+            with made.open(name, "w") as member:
+                member.write(header(100_000_000))
+                for _ in range(100):
+                    member.write(zeros)
+    said, peak = refusal(tmp_path / "bomb.npz")
+    assert said.endswith("array op unpacks to 104857728 bytes; a trace has 10000000 references at most")
+    assert peak < 10_000_000
+
+
+def test_an_array_that_announces_more_than_it_holds_is_refused_without_making_room(tmp_path):
+    good = {"addr.npy": header(0, "<u8"), "size.npy": header(0)}
+    for entries, says in (
+        (1 << 40, "array op announces 1099511627776 entries; a trace has 10000000 at most"),
+        (-1, "array op announces -1 entries; a trace has 10000000 at most"),
+        (9_000_000, "array op does not hold the 9000000 bytes of data that it announces"),
+    ):
+        archive(tmp_path / "lie.npz", {"op.npy": header(entries) + b"\2", **good})
+        said, peak = refusal(tmp_path / "lie.npz")
+        assert said.endswith(says)
+        assert peak < 1_000_000
+
+
+def test_a_directory_of_the_archive_that_understates_a_size_is_not_believed(tmp_path):
+    lie = tmp_path / "lie.npz"
+    archive(lie, {"op.npy": header(4) + bytes(40_000_000), "addr.npy": header(0, "<u8"), "size.npy": header(0)})
+    data = lie.read_bytes()
+    true, said = (128 + 40_000_000).to_bytes(4, "little"), (128 + 4).to_bytes(4, "little")
+    lie.write_bytes(data.replace(true, said))
+    assert refusal(lie)[1] < 1_000_000
+
+
+@pytest.mark.parametrize(
+    ("members", "method", "says"),
+    [
+        ({"op.npy": b"\x93NUMPY\1\0\x10\0" + b"(" * 16}, zipfile.ZIP_STORED, "array op has no readable header"),
+        ({"op.npy": b"\x93NUMPY\3\0"}, zipfile.ZIP_STORED, "it must be in numpy's format 1.0 or 2.0"),
+        ({"op.npy": header(1)[:8] + b"\xff\xff" + b" " * 65535}, zipfile.ZIP_STORED, "array op has no readable header"),
+        ({"op.npy": header(1) + b"\1"}, zipfile.ZIP_BZIP2, "array op is compressed by method 12; it must be stored or deflated"),
+        ({f"\r\n\x1b{n}.npy": b"" for n in range(30)}, zipfile.ZIP_STORED, r"\r\n\x1b0, \r\n\x1b1"),
+    ],
+)
+def test_a_strange_archive_is_refused_in_one_printable_sentence(tmp_path, members, method, says):
+    others = {"addr.npy": header(0, "<u8"), "size.npy": header(0)} if "op.npy" in members else {}
+    archive(tmp_path / "strange.npz", members | others, method)
+    said, _ = refusal(tmp_path / "strange.npz")
+    assert says in said and said.isprintable() and len(said) < 400
+
+
+def test_a_text_file_is_not_advised_to_allow_pickles(tmp_path):
+    (tmp_path / "text.npz").write_text("op addr size")
+    said, _ = refusal(tmp_path / "text.npz")
+    assert said.endswith("cannot be read as an .npz file of plain arrays: File is not a zip file")
+
+
+@pytest.mark.parametrize(
+    ("columns", "says"),
+    [
+        (([1], [0, 4], [4, 4]), "op, address and size have the shapes (1,), (2,) and (2,); they must be 1-dimensional"),
+        (([[1]], [[0]], [[4]]), "op, address and size have the shapes (1, 1), (1, 1) and (1, 1); they must be 1-dimensional"),
+        (([4], [0], [4]), "op of reference 0 is 4; allowed is 1 store, 2 load or 3 modify"),
+        (([1], [0], [0]), "size of reference 0 is 0; allowed is at least 1 byte"),
+        (([1], [-1], [4]), "address of reference 0 is -1; allowed is at least 0"),
+        (
+            ([1], [2**63 - 4], [4]),
+            "address of reference 0 is 9223372036854775804; allowed is at most 2**63 - 1, its size included",
+        ),
+    ],
+)
+def test_references_that_cannot_be_are_refused(columns, says):
+    with pytest.raises(ValueError) as error:
+        References(*(np.array(column, np.int64) for column in columns))
+    assert str(error.value).startswith(says)
 
 
 @given(st.binary(max_size=400), st.integers(0, 2000), st.integers(0, 2000))
