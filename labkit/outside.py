@@ -35,13 +35,11 @@ def _printable(name: str) -> str:
 Name = Annotated[
     str,
     AfterValidator(_printable),
-    Field(
-        strict=True, min_length=1, max_length=100, description="a text of 1 to 100 characters, none of them a control character"
-    ),
+    Field(strict=True, min_length=1, max_length=100, description="a text of 1 to 100 printable characters"),
 ]
 
 
-#: Stands for "no upper bound": beyond it, times would not fit 64 bits.
+#: The bound where no other is known: beyond it, sums of times would not fit 64 bits.
 UNBOUNDED = 1 << 62
 
 
@@ -64,9 +62,8 @@ def whole_number(value: Any, least: int, most: int, what: str) -> int:
 
 
 def _whole_number(least: int, most: int) -> str:
-    if most < UNBOUNDED:
-        return f"a whole number from {least} to {most}"
-    return f"a whole number of at least {least}" if least > -UNBOUNDED else "a whole number"
+    bounds = [{UNBOUNDED: "2**62", -UNBOUNDED: "-2**62"}.get(bound, bound) for bound in (least, most)]
+    return f"a whole number from {bounds[0]} to {bounds[1]}"
 
 
 def shown(value: Any) -> str:
@@ -137,7 +134,7 @@ def _sentence(model: type[BaseModel], data: Any, error: Mapping[str, Any], what:
         if isinstance(key, int):
             name = data.get("name") if isinstance(data, Mapping) and error["loc"][-1] != "name" else None
             steps[-1] = f"{steps[-1].removesuffix('s')} {shown(name) if isinstance(name, str) else key}"
-            field = _item(field)
+            field = _item(field.annotation) if field else None
         elif inner:
             steps.append(key)
             model, field = inner, inner.model_fields.get(key)
@@ -154,10 +151,13 @@ def _sentence(model: type[BaseModel], data: Any, error: Mapping[str, Any], what:
     return f"{': '.join(steps) or what} is {shown(data)}; {allowed} is allowed"
 
 
-def _item(field: FieldInfo | None) -> FieldInfo | None:
-    """What a list's field says of the single items, None if they are objects."""
-    items = get_args(field.annotation)[:1] if field else ()
-    return next((known for item in items for known in getattr(item, "__metadata__", ()) if isinstance(known, FieldInfo)), None)
+def _item(annotation: Any) -> FieldInfo | None:
+    """What a type such as `list[Annotated[int, whole(1)]] | None` says of a single item; None if the items are objects."""
+    for argument in get_args(annotation):
+        said = (known for known in getattr(argument, "__metadata__", ()) if isinstance(known, FieldInfo))
+        if found := next(said, None) or _item(argument):
+            return found
+    return None
 
 
 def _models(annotation: Any) -> Iterator[type[BaseModel]]:

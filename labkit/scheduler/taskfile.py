@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import IO, Any
+from typing import IO, Annotated, Any
 
 import numpy as np
+from pydantic import BaseModel, ConfigDict
 
+from labkit.outside import Name, a_list, checked, whole, whole_number
+from labkit.scheduler.jobs import LONGEST
 from labkit.scheduler.periodic import POLICIES, simulate
 from labkit.scheduler.tasksets import PeriodicTask, TaskPair, check_names, deadline_monotonic, rate_monotonic
 from labkit.trace import Trace, jobs, slices
@@ -22,14 +25,40 @@ ROW = ("task", "job", "part", "event", "start", "end")
 EVENTS = (*KINDS, "miss", "run")
 MISS, RUN = len(KINDS), len(KINDS) + 1
 
-_KNOWN = {"name", "period", "deadline", "offset", "times", "wcet", "ecet", "ep_wcet"}
+#: A set from outside has at most so many tasks, and its schedule so many jobs: seconds of work and below a gigabyte.
+MOST_TASKS, MOST_JOBS = 50_000, 1_000_000
+
+#: What a policy needs of a task beside its name.
+NEEDS = {policy: ("period", "ecet", "ep_wcet") if policy == "taft" else ("period", "wcet") for policy in POLICIES}
+
+
+class _Task(BaseModel):
+    """A task as its file has it; null stands for what is not given."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    name: Name
+    period: Annotated[int, whole(1, LONGEST)]
+    deadline: Annotated[int | None, whole(1, LONGEST)] = None
+    offset: Annotated[int, whole(0, LONGEST)] = 0
+    times: Annotated[list[Annotated[int, whole(1, LONGEST)]] | None, a_list("execution times", 1_000_000, least=1)] = None
+    wcet: Annotated[int | None, whole(1, LONGEST)] = None
+    ecet: Annotated[int | None, whole(1, LONGEST)] = None
+    ep_wcet: Annotated[int | None, whole(0, LONGEST)] = None
+
+
+class _File(BaseModel):
+    """A task set as its file has it; what stands beside the tasks is let be."""
+
+    tasks: Annotated[list[_Task], a_list("tasks", MOST_TASKS, least=1)]
 
 
 @dataclass(frozen=True, eq=False)
 class TaskSet:
-    """Tasks (`TaskPair`s for taft, else `PeriodicTask`s) and the execution times of their jobs, by name."""
+    """Tasks for rm, dm and edf, or pairs for taft, and the execution times of their jobs, by name."""
 
-    tasks: list[PeriodicTask] | list[TaskPair]
+    tasks: list[PeriodicTask]
+    pairs: list[TaskPair]
     times: dict[str, list[int]]
 
 
@@ -39,54 +68,35 @@ def read_tasks(data: Any, policy: str) -> TaskSet:
 
     `deadline` is the period if it is missing, `offset` 0, `times` the worst case (taft: the expected time) always. The policies
     rm, dm and edf need `wcet`, taft needs `ecet` and `ep_wcet`; what the other policies need may be there too, and a `wcet` then
-    bounds `ecet`.
+    bounds `ecet`. There are at most `MOST_TASKS` tasks, and no time is longer than `LONGEST`.
 
     Raises:
         ValueError: one sentence that says what is wrong with which task.
     """
     if policy not in POLICIES:
         raise ValueError(f"policy {policy!r}; there are {', '.join(POLICIES)}")
-    if not isinstance(data, Mapping) or not isinstance(data.get("tasks"), list):
-        raise ValueError('a task set is an object {"tasks": [...]}; "tasks" is missing or no list')
-    tasks, times = [], {}
-    for i, entry in enumerate(data["tasks"]):
-        task = _task(entry, f"task {i} of the list", policy)
-        tasks.append(task)
-        if "times" in entry:
-            times[task.name] = _times(task.name, entry["times"])
-    return TaskSet(check_names(tasks), times)
+    entries = checked(_File, data, "the task set").tasks
+    for entry in entries:
+        missing = next((field for field in NEEDS[policy] if getattr(entry, field) is None), None)
+        if missing is not None:
+            raise ValueError(f"task {entry.name!r} has no {missing}; policy {policy} needs {', '.join(NEEDS[policy])}")
+    times = {entry.name: entry.times for entry in entries if entry.times is not None}
+    if policy == "taft":
+        return TaskSet([], check_names(map(_pair, entries)), times)
+    return TaskSet(check_names(map(_periodic, entries)), [], times)
 
 
-def _task(entry: Any, where: str, policy: str) -> PeriodicTask | TaskPair:
-    if not isinstance(entry, Mapping):
-        raise ValueError(f"{where} is {entry!r}; it must be an object with name, period and execution times")
-    name = entry.get("name")
-    if not isinstance(name, str) or not name:
-        raise ValueError(f"{where} has no name; a name is a text that is not empty")
-    unknown = next((key for key in entry if key not in _KNOWN), None)
-    if unknown is not None:
-        raise ValueError(f"task {name!r} has a field {unknown!r}; known are {', '.join(sorted(_KNOWN))}")
-    needed = ("period", "ecet", "ep_wcet") if policy == "taft" else ("period", "wcet")
-    missing = next((key for key in needed if key not in entry), None)
-    if missing is not None:
-        raise ValueError(f"task {name!r} has no {missing}; policy {policy} needs {', '.join(needed)}")
-    given = {key: entry[key] for key in (*needed, "deadline", "offset") if entry.get(key) is not None}
-    if policy != "taft":
-        return PeriodicTask(name, **given)
-    pair = TaskPair(name, **given)
-    wcet = entry.get("wcet")
-    if isinstance(wcet, int) and wcet < pair.ecet:
-        raise ValueError(f"task {name!r}: ecet {pair.ecet} exceeds the wcet {wcet} of its main part by {pair.ecet - wcet}")
-    return pair
+def _periodic(entry: _Task) -> PeriodicTask:
+    assert entry.wcet is not None
+    return PeriodicTask(entry.name, entry.wcet, entry.period, entry.deadline or entry.period, offset=entry.offset)
 
 
-def _times(name: str, times: Any) -> list[int]:
-    if not isinstance(times, list) or not times:
-        raise ValueError(f"task {name!r}: times must be a list of one or more whole numbers")
-    for job, time in enumerate(times):
-        if isinstance(time, bool) or not isinstance(time, int) or time < 1:
-            raise ValueError(f"task {name!r}: execution time {time!r} of job {job}; it must be a whole number of at least 1")
-    return times
+def _pair(entry: _Task) -> TaskPair:
+    assert entry.ecet is not None and entry.ep_wcet is not None
+    if entry.wcet is not None and entry.wcet < entry.ecet:
+        over = f"exceeds the wcet {entry.wcet} of its main part by {entry.ecet - entry.wcet}"
+        raise ValueError(f"task {entry.name!r}: ecet {entry.ecet} {over}")
+    return TaskPair(entry.name, entry.ecet, entry.ep_wcet, entry.period, entry.deadline or entry.period, entry.offset)
 
 
 def verdict_of(tasks: TaskSet, policy: str) -> dict[str, Any]:
@@ -101,27 +111,31 @@ def verdict_of(tasks: TaskSet, policy: str) -> dict[str, Any]:
         "rm": lambda: response_time_test(rate_monotonic(tasks.tasks)),
         "dm": lambda: response_time_test(deadline_monotonic(tasks.tasks)),
         "edf": lambda: qpa_test(tasks.tasks),
-        "taft": lambda: taft_test(tasks.tasks),
+        "taft": lambda: taft_test(tasks.pairs),
     }[policy]
     try:
         verdict = test()
     except UndecidedError as error:
         return {"accepted": False, "test": f"{policy} (undecided)", "why": str(error), "exact": False}
     why = verdict.why
-    if policy != "taft":
-        for task in tasks.tasks:
-            over = [(job, time) for job, time in enumerate(tasks.times.get(task.name, ())) if time > task.wcet]
-            if over:
-                why += f"; not covered: job {over[0][0]} of task {task.name!r} takes {over[0][1]}, more than its wcet {task.wcet}"
+    for task in tasks.tasks:
+        over = next(((job, time) for job, time in enumerate(tasks.times.get(task.name, ())) if time > task.wcet), None)
+        if over:
+            why += f"; not covered: job {over[0]} of task {task.name!r} takes {over[1]}, more than its wcet {task.wcet}"
     return {"accepted": bool(verdict), "test": verdict.test, "why": why, "exact": verdict.exact}
 
 
 def schedule(data: Any, policy: str, until: int, hz: int = 1000) -> tuple[dict[str, Any], Trace]:
-    """Read, judge and schedule a task set: the verdict to print, and the trace from 0 to `until` (see `schedule_rows`)."""
+    """Read, judge and schedule a task set of at most `MOST_JOBS` jobs until `until`: the verdict to print, and the trace from 0
+    on (see `schedule_rows`).
+    """
     tasks = read_tasks(data, policy)
-    if isinstance(until, bool) or not isinstance(until, int):
-        raise ValueError(f"a schedule until {until!r}; it must be a whole number of time units")
-    trace = simulate(tasks.tasks, policy, until, tasks.times, hz)
+    whole_number(until, 1, LONGEST, "the end of the schedule")
+    all_tasks: list[PeriodicTask | TaskPair] = [*tasks.tasks, *tasks.pairs]
+    count = sum(max(0, -((task.offset - until) // task.period)) for task in all_tasks)
+    if count > MOST_JOBS:
+        raise ValueError(f"{count} jobs are released until {until}; at most {MOST_JOBS} are scheduled")
+    trace = simulate(tasks.pairs if policy == "taft" else tasks.tasks, policy, until, tasks.times, hz)
     return verdict_of(tasks, policy), trace
 
 
@@ -133,20 +147,28 @@ def schedule_rows(trace: Trace) -> list[tuple[str, int, str, str, int, int]]:
     run.
     """
     owner, exception = owners(trace)
-    ends, releases, table = trace.rows("complete", "abort"), trace.rows("release"), jobs(trace)
-    rows: list[tuple[int, ...]] = []  # start, order within the instant, order of the trace, task, part, job, event, end
-    for order, (time, kind, who, _, _, job) in enumerate(ends.tolist()):
-        rows.append((time, 0, order, int(owner[who]), int(exception[who]), job, kind, time))
+    ends, releases, table, ran = trace.rows("complete", "abort"), trace.rows("release"), jobs(trace), slices(trace)
     late = table.missed
-    part = np.where(table.abort[late] >= 0, EXCEPTION, MAIN)
-    columns = (table.deadline[late], table.task[late], part, table.job[late])
-    rows += [(due, 1, 0, who, part, job, MISS, due) for due, who, part, job in zip(*(c.tolist() for c in columns), strict=True)]
-    rows += [(time, 2, 0, who, MAIN, job, kind, time) for time, kind, who, _, _, job in releases.tolist()]
-    rows += [(start, 3, 0, who, part, job, RUN, end) for who, part, job, start, end in slices(trace).rows().tolist()]
+    late_part = np.where(table.abort[late] >= 0, EXCEPTION, MAIN)
+    time, due = (ends[:, 0], releases[:, 0]), table.deadline[late]
+    # start, place within the instant, place in the trace, task, part, job, event, end
+    rows = np.concatenate(
+        [
+            _rows(time[0], 0, np.arange(len(ends)), owner[ends[:, 2]], exception[ends[:, 2]], ends[:, 5], ends[:, 1], time[0]),
+            _rows(due, 1, 0, table.task[late], late_part, table.job[late], MISS, due),
+            _rows(time[1], 2, 0, releases[:, 2], MAIN, releases[:, 5], releases[:, 1], time[1]),
+            _rows(ran.start, 3, 0, ran.task, ran.part, ran.job, RUN, ran.end),
+        ]
+    )
+    rows = rows[np.lexsort(rows[:, 5::-1].T)]
     return [
-        (trace.names[who], job, PARTS[part], EVENTS[event], start, end)
-        for start, _, _, who, part, job, event, end in sorted(rows)
+        (trace.names[task], job, PARTS[part], EVENTS[event], start, end)
+        for start, _, _, task, part, job, event, end in rows.tolist()
     ]
+
+
+def _rows(*columns: np.ndarray | int) -> np.ndarray:
+    return np.stack(np.broadcast_arrays(*columns), axis=1).astype(np.int64)
 
 
 def write_schedule(trace: Trace, file: IO[str]) -> None:

@@ -76,7 +76,7 @@ STEP = ("tasks", 0, "program", 0)
         (STEP, ["take", "R", 5, 0], "'R' is a recursive"),
         (STEP, ["rtake", "M", 5, 0], "'M' is a mutex; a recursive is allowed"),
         (STEP, ["take", ["M"], 5, 0], r"there is no binary or counting or mutex \['M'\]"),
-        (STEP, ["take", "M", -1, 0], "take: timeout is -1; a whole number of at least 0 is allowed"),
+        (STEP, ["take", "M", -1, 0], r"take: timeout is -1; a whole number from 0 to 2\*\*62 is allowed"),
         (STEP, ["take", "M", 5, 3], "take: skip is 3; a whole number from 0 to 2 is allowed"),
         (STEP, ["burn", -2], "burn: ticks is -2"),
         (STEP, ["burn", 1.5], "burn: ticks is 1.5"),

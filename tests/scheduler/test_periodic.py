@@ -204,19 +204,28 @@ def test_the_same_set_under_edf_and_the_file_reads_back():
 @pytest.mark.parametrize(
     ("change", "policy", "message"),
     [
-        ({"period": 0}, "edf", "task 'a': period is 0; a whole number of at least 1 is allowed"),
+        ({"period": 0}, "edf", "task 'a': period is 0; a whole number from 1"),
         ({"wcet": 11}, "rm", "task 'a': wcet 11 exceeds its deadline 10 by 1"),
         ({"wcet": 1}, "taft", "task 'a': ecet 2 exceeds the wcet 1 of its main part by 1"),
         ({"ep_wcet": 9}, "taft", "task 'a': ecet 2 and ep_wcet 9 exceed its deadline 10 by 1"),
         ({"deadline": 12}, "taft", "task 'a': deadline 12 exceeds its period 10"),
-        ({"period": 2.5}, "edf", "task 'a': period is 2.5; a whole number of at least 1 is allowed"),
-        ({"times": [3, 0]}, "edf", "task 'a': execution time 0 of job 1"),
-        ({"times": []}, "edf", "task 'a': times must be a list"),
+        ({"period": 2.5}, "edf", "task 'a': period is 2.5; a whole number from 1 to 1125899906842624 is allowed"),
+        ({"times": [3, 0]}, "edf", "task 'a': time 1 is 0; a whole number from 1 to 1125899906842624 is allowed"),
+        ({"times": []}, "edf", "task 'a': times is []; a list of 1 to 1000000 execution times is allowed"),
         ({"name": "b"}, "edf", "two tasks are called 'b'"),
-        ({"name": ""}, "edf", "task 0 of the list has no name"),
+        ({"name": ""}, "edf", "task 0: name is ''; a text of 1 to 100 printable characters is allowed"),
         ({"priority": 3}, "edf", "task 'a' has a field 'priority'"),
-        ({"period": 1 << 60, "deadline": 10}, "edf", "at most 1125899906842624 are allowed"),
-        ({"times": [1 << 70]}, "edf", "task 'a': its execution times must be"),
+        (
+            {"period": 1 << 60, "deadline": 10},
+            "edf",
+            "task 'a': period is 1152921504606846976; a whole number from 1 to 1125899906842624 is allowed",
+        ),
+        ({"times": [1 << 70]}, "edf", "task 'a': time 0 is 1180591620717411303424; a whole number from 1 to 1125899906842624"),
+        ({"period": None}, "edf", "task 'a': period is None; a whole number from 1"),
+        ({"wcet": None}, "edf", "task 'a' has no wcet; policy edf needs period, wcet"),
+        ({"wcet": 1e400}, "edf", "task 'a': wcet is inf; a whole number from 1"),
+        ({"wcet": True}, "edf", "task 'a': wcet is True; a whole number from 1"),
+        ({"name": "a\r\nb"}, "edf", r"task 0: name is 'a\r\nb'; a text of 1 to 100 printable characters is allowed"),
     ],
 )
 def test_bad_sets_are_told_in_one_sentence(change, policy, message):
@@ -236,7 +245,7 @@ def test_what_is_no_task_set_is_refused(data):
 def test_missing_fields_and_wrong_calls_are_refused():
     with pytest.raises(ValueError, match="policy 'fifo'; there are rm, dm, edf, taft"):
         schedule(SET, "fifo", 20)
-    with pytest.raises(ValueError, match="until 0; it must be at least 1"):
+    with pytest.raises(ValueError, match="the end of the schedule is 0; a whole number from 1 to"):
         schedule(SET, "edf", 0)
     with pytest.raises(ValueError, match="task 't0' is a PeriodicTask; policy taft schedules TaskPairs"):
         simulate(tasks((1, 2)), "taft", 9)
