@@ -1,4 +1,4 @@
-"""What holds for the project as a whole: its floors, its files, its lock, its notebooks' form."""
+"""What holds for the project as a whole: its floors, its files, its notebooks' form."""
 
 import ast
 import json
@@ -10,7 +10,6 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-import yaml
 
 ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
@@ -25,6 +24,7 @@ FLOOR = {
     "trace": 0,
     "experiment": 0,
     "data": 0,
+    "server": 0,  # loaded by the Jupyter server, without the lab
     "sweeping": 1,
     "scheduler": 1,
     "cache": 1,
@@ -47,17 +47,17 @@ STRANGERS = {(part, "experiment") for part in [*MODELS, "trace", "figures"]} | {
 }
 #: Third-party module -> the declared dependency that brings it.
 BROUGHT_BY = {
-    "typing_extensions": "pydantic",
     "IPython": "ipywidgets",
-    "traitlets": "ipywidgets",
     "annotated_types": "annotated-types",
+    "jupyter_server": "jupyter-server",
+    "typing_extensions": "typing-extensions",
 }
 HEAVY = {"pandas", "scipy", "plotly", "ipywidgets", "filterpy", "matplotlib", "IPython"}
 
 
 def part(module: str) -> str:
-    """`labkit.kernel.kernel` -> `scheduler`; the package itself is `labkit`."""
-    return (module.split(".") + ["labkit"])[1] if "." in module else "labkit"
+    """`labkit.kernel.kernel` -> `kernel`; the package itself is `labkit`."""
+    return [*module.split("."), "labkit"][1] if "." in module else "labkit"
 
 
 def is_module(name: str) -> bool:
@@ -66,7 +66,7 @@ def is_module(name: str) -> bool:
 
 
 def imports(path: Path, types: bool = True) -> Iterator[tuple[str, int, bool]]:
-    """Every imported module with its line and whether it is imported as soon as the file is; with `types`, for the type checker too."""
+    """Every imported module, its line, and whether it loads with the file; with `types`, what only a type checker reads too."""
     source = ast.parse((ROOT / path).read_text(encoding="utf-8"))
     package = ".".join(path.with_suffix("").parts[:-1])
 
@@ -134,6 +134,7 @@ def test_pictures_and_widgets_stay_upstairs_and_heavy_packages_wait(path):
         top = module.split(".")[0]
         if top in ("ipywidgets", "anywidget", "IPython"):
             assert here == "bench", f"{path}:{line}: only the bench knows widgets"
+        assert top != "jupyter_server" or here == "server", f"{path}:{line}: only labkit.server knows the Jupyter server"
         if top == "plotly":
             assert FLOOR[here] >= FLOOR["figures"], f"{path}:{line}: {here} draws nothing"
             assert module != "plotly.express", f"{path}:{line}: plotly.express costs every start a quarter of a second"
@@ -196,7 +197,7 @@ def test_import_of_labkit_brings_nothing_heavy():
     assert HEAVY.isdisjoint(loaded)
 
 
-# ------------------------------------------------------------------------------------------------------ files and lock
+# --------------------------------------------------------------------------------------------------------------- files
 
 
 def committed() -> list[str]:
@@ -208,8 +209,8 @@ def committed() -> list[str]:
 
 
 def test_top_level_holds_only_what_belongs_there():
-    allowed = {"notebooks", "labkit", "data", "tests", "environment.yml", "README.md", "pyproject.toml", "requirements.lock"}
-    allowed |= {"Makefile", "LICENSE", ".ci", ".github", ".gitignore"}
+    allowed = {"notebooks", "labkit", "data", "tests", "environment.yml", "README.md", "pyproject.toml"}
+    allowed |= {"requirements.lock", "requirements-test.lock", "Makefile", "LICENSE", ".ci", ".github", ".gitignore"}
     assert {name.split("/")[0] for name in committed()} <= allowed
 
 
@@ -222,34 +223,6 @@ def test_no_machine_path_and_no_registry_host_is_committed():
             lines = data.decode("utf-8").splitlines()
             found += [f"{name}:{n}: {line.strip()[:100]}" for n, line in enumerate(lines, start=1) if wrong.search(line)]
     assert [line for line in found if "wrong = re.compile" not in line] == []
-
-
-def test_lock_holds_names_versions_markers_and_hashes_only():
-    lock = (ROOT / "requirements.lock").read_text(encoding="utf-8")
-    assert "://" not in lock
-    entry = r"[a-z0-9.-]+==[\w.+!]+(?: ; [\w. '\"<>=!()]+)?(?: \\\n    --hash=sha256:[0-9a-f]{64})+\n"
-    assert re.fullmatch(f"(?:{entry})+", lock), "every entry is name==version, a marker where needed, and its hashes"
-
-
-def test_lock_meets_every_requirement_of_the_project():
-    from packaging.requirements import Requirement
-    from packaging.utils import canonicalize_name
-
-    locked = dict(re.findall(r"^([a-z0-9.-]+)==(\S+)", (ROOT / "requirements.lock").read_text(encoding="utf-8"), flags=re.M))
-    wanted = [*PROJECT["project"]["dependencies"], *PROJECT["dependency-groups"]["build"]]
-    wanted += [line for extra in PROJECT["project"]["optional-dependencies"].values() for line in extra]
-    for requirement in map(Requirement, wanted):
-        version = locked.get(canonicalize_name(requirement.name), "none")
-        assert version != "none" and requirement.specifier.contains(version), f"{requirement}, locked: {version}; run `make lock`"
-    assert PROJECT["build-system"]["requires"] == PROJECT["dependency-groups"]["build"]
-
-
-def test_conda_environment_takes_its_packages_from_pyproject():
-    environment = yaml.safe_load((ROOT / "environment.yml").read_text(encoding="utf-8"))
-    python = "python" + PROJECT["project"]["requires-python"]
-    assert environment["dependencies"] == [python, "pip", {"pip": ["-e ."]}]
-    assert environment["channels"] == ["conda-forge"]
-    assert set(environment) == {"name", "channels", "dependencies"}
 
 
 # ----------------------------------------------------------------------------------------------------------- notebooks
