@@ -16,6 +16,7 @@ from labkit.scheduler.analysis import (
     taft_utilization,
 )
 from labkit.scheduler.analysis.taft import _jumps, _most_planned
+from labkit.scheduler.analysis.verdict import Budget
 from labkit.scheduler.tasksets import TaskPair
 
 
@@ -177,7 +178,8 @@ def test_the_demand_test_misses_no_interval(pair_list):
     least = min(p.deadline for p in pair_list)
     every = np.arange(least, 400)
     assert taft_demand_test(pair_list).accepted == bool(np.all(_most_planned(pair_list, every) <= every))
-    points = _jumps(pair_list, 399)
+    points = np.concatenate([*_jumps(pair_list, 399, Budget("test"))])
+    assert (np.diff(points) > 0).all() and points[-1] <= 399
     held = _most_planned(pair_list, points)[np.searchsorted(points, every, side="right") - 1]
     np.testing.assert_array_equal(held, _most_planned(pair_list, every))
 

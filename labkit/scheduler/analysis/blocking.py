@@ -10,7 +10,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
-from labkit.scheduler.analysis.fixed_priority import least_window, response_times
+from labkit.scheduler.analysis.fixed_priority import NO_OVERHEADS, least_window, level_responses
+from labkit.scheduler.analysis.verdict import Budget
 from labkit.scheduler.tasksets import PeriodicTask, check_names
 
 PROTOCOLS = ("none", "inheritance", "ceiling", "freertos", "non-preemptive")
@@ -77,6 +78,7 @@ def blocking_bounds(tasks: Iterable[PeriodicTask], sections: Iterable[CriticalSe
 
     Raises:
         ValueError: unknown protocol, a section of an unknown task, or sections longer than their task's wcet.
+        UndecidedError: more than `MAX_STEPS` steps; each task looks at every section.
     """
     tasks, sections = check_names(tasks), list(sections)
     if protocol not in PROTOCOLS:
@@ -86,8 +88,10 @@ def blocking_bounds(tasks: Iterable[PeriodicTask], sections: Iterable[CriticalSe
         return _without_protocol(tasks, sections)
     bound = {"inheritance": _inheritance, "freertos": _freertos, "ceiling": _ceiling, "non-preemptive": _non_preemptive}[protocol]
     rank = {task.name: i for i, task in enumerate(tasks)}
+    budget, work = Budget("blocking"), sum(1 for top in sections for _ in top.all())
     bounds: dict[str, int | None] = {}
     for i, task in enumerate(tasks):
+        budget.spend(work)
         upper = [s for s in sections if rank[s.task] <= i]
         lower = [s for s in sections if rank[s.task] > i]
         bounds[task.name] = bound(upper, lower)
@@ -96,21 +100,33 @@ def blocking_bounds(tasks: Iterable[PeriodicTask], sections: Iterable[CriticalSe
 
 def deadlock_locks(sections: Iterable[CriticalSection]) -> frozenset[str]:
     """The locks that are taken in a circular order (A inside B and B inside A, or longer); empty if no deadlock is possible."""
-    order = {(outer.lock, inner.lock) for top in sections for outer in top.all() for inner in list(outer.all())[1:]}
-    while longer := {(a, d) for a, b in order for c, d in order if b == c} - order:
-        order |= longer
-    return frozenset(a for a, b in order if a == b)
+    inside: dict[str, set[str]] = {}
+    for top in sections:
+        for outer in top.all():
+            inside.setdefault(outer.lock, set()).update(section.lock for section in outer.nested)
+    return frozenset(lock for lock in inside if lock in _reached(lock, inside))
+
+
+def _reached(lock: str, inside: dict[str, set[str]]) -> set[str]:
+    """The locks taken inside this one, or inside one of those, and so on."""
+    found: set[str] = set()
+    ahead = [lock]
+    while ahead:
+        new = inside[ahead.pop()] - found
+        found |= new
+        ahead += new
+    return found
 
 
 def _check(tasks: Sequence[PeriodicTask], sections: Sequence[CriticalSection]) -> None:
-    wcet = {task.name: task.wcet for task in tasks}
+    held = {task.name: 0 for task in tasks}
     for section in sections:
-        if section.task not in wcet:
-            raise ValueError(f"a critical section belongs to task {section.task!r}; the set has {', '.join(wcet)}")
-    for name, most in wcet.items():
-        held = sum(section.length for section in sections if section.task == name)
-        if held > most:
-            raise ValueError(f"task {name!r} holds locks for {held}, longer than its wcet {most}")
+        if section.task not in held:
+            raise ValueError(f"a critical section belongs to task {section.task!r}; the set has {', '.join(held)}")
+        held[section.task] += section.length
+    for task in tasks:
+        if held[task.name] > task.wcet:
+            raise ValueError(f"task {task.name!r} holds locks for {held[task.name]}, longer than its wcet {task.wcet}")
 
 
 def _reaching(upper: Sequence[CriticalSection], lower: Sequence[CriticalSection]) -> set[str]:
@@ -178,49 +194,62 @@ def _without_protocol(tasks: Sequence[PeriodicTask], sections: Sequence[Critical
     i's job before its take, and L's section, so the window obeys the equation below. None of those tasks waits for a lock, so
     each can be counted by its arrivals.
     """
+    budget = Budget("blocking")
+    waits = _meetings(tasks, sections, budget)
+    nested = any(top.nested for top in sections)
     bounds: dict[str, int | None] = {}
     late: dict[str, int | None] = {}  # for tasks that may wait: how much later than released their work may be done
     for i, task in enumerate(tasks):
-        own = _inversion(tasks, sections, i)
-        shifts = [(t, late[t.name]) for t in tasks[:i] if t.name in late]
-        if own is None or any(shift is None for _, shift in shifts):
-            bounds[task.name] = None
+        budget.spend(i + 1)
+        own = _inversion(tasks, waits, nested, i, budget)
+        shifts = [late.get(other.name, 0) for other in tasks[:i]]
+        known = [shift for shift in shifts if shift is not None]
+        if own is None or len(known) < len(shifts):
+            bound = None
         else:
-            bounds[task.name] = own + sum(-(-shift // t.period) * t.wcet for t, shift in shifts)
+            bound = own + sum(-(-shift // other.period) * other.wcet for shift, other in zip(known, tasks))
         if own != 0:
-            response = response_times(tasks[: i + 1], blocking={task.name: bounds[task.name]})[task.name]
-            known = response is not None and response <= task.period
-            late[task.name] = response - task.wcet - task.jitter if known else None
-            if not known:
-                bounds[task.name] = None
+            responses = level_responses(tasks, i, bound, NO_OVERHEADS, budget)
+            if responses is not None and max(responses) <= task.period:
+                late[task.name] = max(responses) - task.wcet - task.jitter
+            else:
+                late[task.name] = bound = None
+        bounds[task.name] = bound
     return bounds
 
 
-def _inversion(tasks: Sequence[PeriodicTask], sections: Sequence[CriticalSection], i: int) -> int | None:
+#: A section of a task, and one of a lower task on the same lock, with the rank of that one.
+Meeting = tuple[CriticalSection, CriticalSection, int]
+
+
+def _inversion(
+    tasks: Sequence[PeriodicTask], waits: Sequence[Sequence[Meeting]], nested: bool, i: int, budget: Budget
+) -> int | None:
     """Blocking of task i by a lower one and by those in the middle; 0 if it waits for nobody, None if there is no bound."""
-    waits = [_meets(tasks, sections, rank) for rank in range(len(tasks))]
     if not waits[i]:
         return 0
-    lowest = max(rank for rank, task in enumerate(tasks) if any(task.name == theirs.task for _, theirs in waits[i]))
-    others = [rank for rank in range(lowest) if rank != i]
-    takes = {id(own): own for own, _ in waits[i]}
-    nested = any(top.nested for top in sections)
+    others = [rank for rank in range(max(rank for _, _, rank in waits[i])) if rank != i]
+    takes = {id(own): own for own, _, _ in waits[i]}
     if len(takes) > 1 or nested or any(waits[rank] for rank in others):
         return None
     (own,) = takes.values()
-    section = max(theirs.length for _, theirs in waits[i])
+    section = max(theirs.length for _, theirs, _ in waits[i])
     before = tasks[i].wcet - own.length
-    window = least_window(before + section, [(tasks[r].wcet, tasks[r].period, tasks[r].jitter) for r in others])
+    window = least_window(before + section, [(tasks[r].wcet, tasks[r].period, tasks[r].jitter) for r in others], budget)
     if window is None:
         return None
     return section + sum(-(-(window + tasks[r].jitter) // tasks[r].period) * tasks[r].wcet for r in others if r > i)
 
 
-def _meets(
-    tasks: Sequence[PeriodicTask], sections: Sequence[CriticalSection], i: int
-) -> list[tuple[CriticalSection, CriticalSection]]:
-    """Pairs of a section of task i and a section of a lower task on the same lock."""
-    lower = {task.name for task in tasks[i + 1 :]}
-    own = [s for top in sections if top.task == tasks[i].name for s in top.all()]
-    theirs = [s for top in sections if top.task in lower for s in top.all()]
-    return [(mine, other) for mine in own for other in theirs if mine.lock == other.lock]
+def _meetings(tasks: Sequence[PeriodicTask], sections: Sequence[CriticalSection], budget: Budget) -> list[list[Meeting]]:
+    """For each task, by rank, where its sections meet those of lower tasks."""
+    rank = {task.name: i for i, task in enumerate(tasks)}
+    users: dict[str, list[CriticalSection]] = {}
+    for section in (s for top in sections for s in top.all()):
+        users.setdefault(section.lock, []).append(section)
+    waits: list[list[Meeting]] = [[] for _ in tasks]
+    for same in users.values():
+        budget.spend(len(same) ** 2)
+        for own in same:
+            waits[rank[own.task]] += [(own, other, rank[other.task]) for other in same if rank[other.task] > rank[own.task]]
+    return waits

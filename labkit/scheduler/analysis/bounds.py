@@ -5,11 +5,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Sequence
+from decimal import Decimal, localcontext
 from fractions import Fraction
 
 import numpy as np
 
+from labkit.scheduler.analysis.shares import compared_to_one, product, total
 from labkit.scheduler.analysis.verdict import Verdict
 from labkit.scheduler.tasksets import PeriodicTask, check_names
 
@@ -39,32 +41,40 @@ def density(task: PeriodicTask) -> Fraction | None:
 
 
 def liu_layland_test(tasks: Iterable[PeriodicTask]) -> Verdict:
-    """Sufficient for rate-monotonic priorities, or deadline-monotonic ones where D < T; whatever the order of the list.
-
-    Decided in fractions: U <= n (2^(1/n) - 1) is (1 + U / n)^n <= 2.
-    """
+    """Sufficient for rate-monotonic priorities, or deadline-monotonic ones where D < T; whatever the order of the list."""
     tasks = check_names(tasks)
-    densities, crowded = _densities(tasks, "Liu-Layland")
-    if crowded is not None:
-        return crowded
-    total, count = sum(densities), len(tasks)
-    fits = (1 + total / count) ** count <= 2
+    densities = _densities(tasks, "Liu-Layland")
+    if isinstance(densities, Verdict):
+        return densities
+    used, count = total(densities), len(tasks)
+    fits = _within_liu_layland(used, count)
     relation = "is within" if fits else "exceeds"
-    why = f"utilisation {float(total):.4f} {relation} {liu_layland_bound(count):.4f} for {count} task{'s'[: count > 1]}"
+    why = f"utilisation {float(used):.4f} {relation} {liu_layland_bound(count):.4f} for {count} task{'s'[: count > 1]}"
     return _sufficient(fits, "Liu-Layland", why, tasks)
+
+
+def _within_liu_layland(used: Fraction, count: int) -> bool:
+    """U <= n (2^(1/n) - 1), exact: as many digits as it takes to tell a fraction from an irrational number."""
+    if count == 1:
+        return used <= 1
+    digits = 30
+    while True:
+        with localcontext(prec=digits + 10):
+            gap = count * (2 ** (1 / Decimal(count)) - 1) - Decimal(used.numerator) / Decimal(used.denominator)
+            if abs(gap) > Decimal(10) ** -digits * count:
+                return gap > 0
+        digits *= 2
 
 
 def hyperbolic_test(tasks: Iterable[PeriodicTask]) -> Verdict:
     """Sufficient for the same priorities as `liu_layland_test`, and accepts every set that one does."""
     tasks = check_names(tasks)
-    densities, crowded = _densities(tasks, "hyperbolic")
-    if crowded is not None:
-        return crowded
-    product = Fraction(1)
-    for u in densities:
-        product *= u + 1
-    fits = product <= 2
-    why = f"the product of all (U + 1) is {float(product):.4f}, {'within' if fits else 'above'} 2"
+    densities = _densities(tasks, "hyperbolic")
+    if isinstance(densities, Verdict):
+        return densities
+    grown = product(u + 1 for u in densities)
+    fits = grown <= 2
+    why = f"the product of all (U + 1) is {float(grown):.4f}, {'within' if fits else 'above'} 2"
     return _sufficient(fits, "hyperbolic", why, tasks)
 
 
@@ -74,27 +84,32 @@ def edf_utilization_test(tasks: Iterable[PeriodicTask]) -> Verdict:
     For D > T without jitter, too, as the density is then the utilisation.
     """
     tasks = check_names(tasks)
-    densities, crowded = _densities(tasks, "EDF utilisation")
-    if crowded is not None:
-        return crowded
-    total = sum(densities)
-    fits = total <= 1
-    why = f"utilisation {float(total):.4f} {'is within' if fits else 'exceeds'} 1"
+    densities = _densities(tasks, "EDF utilisation")
+    if isinstance(densities, Verdict):
+        return densities
+    used = total(densities)
+    fits = used <= 1
+    why = f"utilisation {float(used):.4f} {'is within' if fits else 'exceeds'} 1"
     return _sufficient(fits, "EDF utilisation", why, tasks)
 
 
-def _densities(tasks: list[PeriodicTask], test: str) -> tuple[list[Fraction], Verdict | None]:
-    densities = [density(task) for task in tasks]
-    if None not in densities:
-        return densities, None
-    task = tasks[densities.index(None)]
-    why = f"task {task.name!r}: jitter {task.jitter} leaves no time before its deadline {task.deadline} or its next arrival"
-    return [], Verdict(False, test, why, task.wcet + task.jitter > task.deadline)
+def _densities(tasks: Sequence[PeriodicTask], test: str) -> list[Fraction] | Verdict:
+    """The density of each task, or the rejection of the first that has none."""
+    found = []
+    for task in tasks:
+        share = density(task)
+        if share is None:
+            why = (
+                f"task {task.name!r}: jitter {task.jitter} leaves no time before its deadline {task.deadline} or its next arrival"
+            )
+            return Verdict(False, test, why, task.wcet + task.jitter > task.deadline)
+        found.append(share)
+    return found
 
 
 def _sufficient(fits: bool, test: str, why: str, tasks: list[PeriodicTask]) -> Verdict:
     """A rejection proves something only where more than the whole processor is asked for."""
-    overload = sum(Fraction(task.wcet, task.period) for task in tasks) > 1
+    overload = compared_to_one([(task.wcet, task.period) for task in tasks]) > 0
     if fits or overload:
         return Verdict(fits, test, why, overload)
     return Verdict(fits, test, f"{why}; that proves no miss, only that this test cannot tell", False)
@@ -104,19 +119,14 @@ def accept_liu_layland(wcets: np.ndarray, periods: np.ndarray) -> np.ndarray:
     """Liu-Layland for integer arrays of shape (sets, tasks), D = T; bool array of shape (sets,), exact."""
     count = np.shape(wcets)[1]
     gap = liu_layland_bound(count) - (wcets / periods).sum(axis=1)
-    return _decide(gap, wcets, periods, lambda us: (1 + sum(us) / count) ** count <= 2)
+    return _decide(gap, wcets, periods, lambda us: _within_liu_layland(total(us), count))
 
 
 def accept_hyperbolic(wcets: np.ndarray, periods: np.ndarray) -> np.ndarray:
     """Hyperbolic bound for integer arrays of shape (sets, tasks), D = T; bool array of shape (sets,), exact."""
 
-    def exactly(us: list[Fraction]) -> bool:
-        product = Fraction(1)
-        for u in us:
-            product *= u + 1
-        return product <= 2
-
-    return _decide(2 - (wcets / periods + 1).prod(axis=1), wcets, periods, exactly)
+    gap = 2 - (wcets / periods + 1).prod(axis=1)
+    return _decide(gap, wcets, periods, lambda us: product(u + 1 for u in us) <= 2)
 
 
 def accept_edf(wcets: np.ndarray, periods: np.ndarray) -> np.ndarray:
@@ -124,10 +134,10 @@ def accept_edf(wcets: np.ndarray, periods: np.ndarray) -> np.ndarray:
 
     With min(D, T) in place of the periods it is the density test.
     """
-    return _decide(1 - (wcets / periods).sum(axis=1), wcets, periods, lambda us: sum(us) <= 1)
+    return _decide(1 - (wcets / periods).sum(axis=1), wcets, periods, lambda us: total(us) <= 1)
 
 
-def _decide(gap: np.ndarray, wcets: np.ndarray, periods: np.ndarray, exactly) -> np.ndarray:
+def _decide(gap: np.ndarray, wcets: np.ndarray, periods: np.ndarray, exactly: Callable[[list[Fraction]], bool]) -> np.ndarray:
     accepted = gap >= 0
     for row in np.flatnonzero(np.abs(gap) < NEAR):
         accepted[row] = exactly([Fraction(int(c), int(t)) for c, t in zip(wcets[row], periods[row], strict=True)])

@@ -12,8 +12,9 @@ from heapq import merge
 from itertools import count
 from math import lcm
 
-from labkit.scheduler.analysis.fixed_priority import MAX_STEPS, least_window, utilization
-from labkit.scheduler.analysis.verdict import UndecidedError, Verdict
+from labkit.scheduler.analysis.fixed_priority import least_window, utilization
+from labkit.scheduler.analysis.shares import compared_to_one, total
+from labkit.scheduler.analysis.verdict import Budget, Verdict
 from labkit.scheduler.tasksets import PeriodicTask, check_names
 
 
@@ -31,7 +32,7 @@ def demand_limit(tasks: Iterable[PeriodicTask]) -> Fraction | None:
     used = utilization(tasks)
     if used >= 1:
         return None
-    return sum((Fraction(max(0, t.period - _room(t)) * t.wcet, t.period) for t in tasks), Fraction(0)) / (1 - used)
+    return total(Fraction(max(0, t.period - _room(t)) * t.wcet, t.period) for t in tasks) / (1 - used)
 
 
 def busy_period(tasks: Iterable[PeriodicTask]) -> int | None:
@@ -39,24 +40,33 @@ def busy_period(tasks: Iterable[PeriodicTask]) -> int | None:
 
     That is so for U > 1, and for U = 1 with jitter; at U = 1 without jitter it is the time to the next moment at which no work is
     pending.
+
+    Raises:
+        UndecidedError: more than `MAX_STEPS` steps.
     """
-    return least_window(0, [(t.wcet, t.period, t.jitter) for t in tasks])
+    return _busy(tasks, Budget("busy period"))
+
+
+def _busy(tasks: Iterable[PeriodicTask], budget: Budget) -> int | None:
+    return least_window(0, [(t.wcet, t.period, t.jitter) for t in tasks], budget)
 
 
 def processor_demand_test(tasks: Iterable[PeriodicTask]) -> Verdict:
     """Compare the demand with the time at every absolute deadline up to L* or the end of the busy period; exact.
 
     Reports the first deadline at which it is exceeded. `qpa_test` gives the same answer in far fewer steps.
+
+    Raises:
+        UndecidedError: more than `MAX_STEPS` steps; each deadline takes one for each task.
     """
-    tasks = check_names(tasks)
+    tasks, budget = check_names(tasks), Budget("processor demand")
     refused = _overload(tasks, "processor demand")
     if refused is not None:
         return refused
     checked = 0
-    for time in _deadlines(tasks, _horizon(tasks)):
+    for time in _deadlines(tasks, _horizon(tasks, budget)):
         checked += 1
-        if checked > MAX_STEPS:
-            raise UndecidedError(f"more than {MAX_STEPS} deadlines to check; use QPA")
+        budget.spend(len(tasks))
         if (demand := demand_bound(tasks, time)) > time:
             return _exceeded("processor demand", demand, time, tasks)
     return Verdict(True, "processor demand", f"the demand is within the time at all {checked} deadlines that matter", True)
@@ -67,21 +77,26 @@ def qpa_test(tasks: Iterable[PeriodicTask]) -> Verdict:
 
     From a time t at which the demand h(t) is less, no deadline between h(t) and t can be exceeded, so the search jumps there. A
     rejection names a deadline, not always the first.
+
+    Raises:
+        UndecidedError: more than `MAX_STEPS` steps; each deadline takes two for each task.
     """
-    tasks = check_names(tasks)
+    tasks, budget = check_names(tasks), Budget("QPA")
     refused = _overload(tasks, "QPA")
     if refused is not None:
         return refused
     least = min(_room(task) for task in tasks)
-    time = _deadline_up_to(tasks, _horizon(tasks))
-    for steps in range(1, MAX_STEPS + 1):
+    time = _deadline_up_to(tasks, _horizon(tasks, budget))
+    steps = 0
+    while True:
+        steps += 1
+        budget.spend(2 * len(tasks))
         demand = demand_bound(tasks, time) if time is not None else 0
         if time is not None and demand > time:
             return _exceeded("QPA", demand, time, tasks)
         if time is None or demand <= least:
             return Verdict(True, "QPA", f"the demand is within the time at every deadline ({steps} checked)", True)
         time = demand if demand < time else _deadline_up_to(tasks, time - 1)
-    raise UndecidedError(f"no answer after {MAX_STEPS} steps of QPA")
 
 
 def edf_job_response(tasks: Sequence[PeriodicTask], name: str, arrival: int) -> int:
@@ -89,18 +104,29 @@ def edf_job_response(tasks: Sequence[PeriodicTask], name: str, arrival: int) -> 
 
     All others are released together at the start with all their jitter, and as often as they can be; the task itself arrives at
     `arrival` and every period before it. Jobs with equal deadlines count against it.
+
+    Raises:
+        ValueError: no task of that name.
+        UndecidedError: more than `MAX_STEPS` steps.
     """
-    task = next(task for task in tasks if task.name == name)
+    task = next((task for task in tasks if task.name == name), None)
+    if task is None:
+        raise ValueError(f"no task {name!r} in this set; it has {', '.join(task.name for task in tasks)}")
+    return _job_response(tasks, task, arrival, Budget("EDF response time"))
+
+
+def _job_response(tasks: Sequence[PeriodicTask], task: PeriodicTask, arrival: int, budget: Budget) -> int:
     due = arrival + task.deadline
     own = (1 + (arrival + task.jitter) // task.period) * task.wcet
-    others = [(t, 1 + (due - _room(t)) // t.period) for t in tasks if t is not task and _room(t) <= due]
-    window = own + sum(t.wcet for t, _ in others)
-    for _ in range(MAX_STEPS):
-        wider = own + sum(min(-(-(window + t.jitter) // t.period), most) * t.wcet for t, most in others)
+    others = [(t.wcet, t.period, t.jitter, 1 + (due - _room(t)) // t.period) for t in tasks if t is not task and _room(t) <= due]
+    window = own + sum(c for c, _, _, _ in others)
+    budget.spend(len(tasks))
+    while True:
+        budget.spend(1 + len(others))
+        wider = own + sum(min(-(-(window + j) // t), most) * c for c, t, j, most in others)
         if wider == window:
             return max(task.jitter + task.wcet, window - arrival)
         window = wider
-    raise UndecidedError(f"task {name!r}: no response time after {MAX_STEPS} steps")
 
 
 def edf_response_times(tasks: Iterable[PeriodicTask]) -> dict[str, int | None]:
@@ -110,23 +136,27 @@ def edf_response_times(tasks: Iterable[PeriodicTask]) -> dict[str, int | None]:
     another's, which are the only ones that matter.
 
     Raises:
-        UndecidedError: more than `MAX_STEPS` arrivals to try.
+        UndecidedError: more than `MAX_STEPS` steps for all tasks together.
     """
-    tasks = check_names(tasks)
-    if utilization(tasks) > 1:
+    tasks, budget = check_names(tasks), Budget("EDF response times")
+    if _level(tasks) > 0:
         return {task.name: None for task in tasks}
-    busy = busy_period(tasks)
+    busy = _busy(tasks, budget)
     worst: dict[str, int | None] = {}
     for task in tasks:
         # at U = 1 with jitter the busy period never ends; the responses repeat once all tasks take part
         last = busy
         if last is None:
             last = lcm(*(t.period for t in tasks)) + max(0, max(_room(t) for t in tasks) - task.deadline)
-        if sum(last // t.period + 1 for t in tasks) > MAX_STEPS:
-            raise UndecidedError(f"task {task.name!r}: more than {MAX_STEPS} arrivals in a busy period of {last}")
+        budget.spend(sum(last // t.period + 1 for t in tasks))
         arrivals = {arrival for other in tasks for arrival in range(_first_arrival(other, task), last, other.period)}
-        worst[task.name] = max(edf_job_response(tasks, task.name, arrival) for arrival in arrivals | {-task.jitter})
+        worst[task.name] = max(_job_response(tasks, task, arrival, budget) for arrival in arrivals | {-task.jitter})
     return worst
+
+
+def _level(tasks: Sequence[PeriodicTask]) -> int:
+    """Utilisation below (-1), at (0) or above 1 (1)."""
+    return compared_to_one([(task.wcet, task.period) for task in tasks])
 
 
 def _first_arrival(other: PeriodicTask, task: PeriodicTask) -> int:
@@ -141,9 +171,8 @@ def _room(task: PeriodicTask) -> int:
 
 
 def _overload(tasks: Sequence[PeriodicTask], test: str) -> Verdict | None:
-    used = utilization(tasks)
-    if used > 1:
-        return Verdict(False, test, f"utilisation {float(used):.4f} exceeds 1", True)
+    if _level(tasks) > 0:
+        return Verdict(False, test, f"utilisation {float(utilization(tasks)):.4f} exceeds 1", True)
     late = next((task for task in tasks if task.wcet > _room(task)), None)
     if late is not None:
         why = f"task {late.name!r}: jitter {late.jitter} and wcet {late.wcet} exceed its deadline {late.deadline}"
@@ -151,12 +180,12 @@ def _overload(tasks: Sequence[PeriodicTask], test: str) -> Verdict | None:
     return None
 
 
-def _horizon(tasks: Sequence[PeriodicTask]) -> int:
+def _horizon(tasks: Sequence[PeriodicTask], budget: Budget) -> int:
     """No deadline after this one need be checked, for a set with U <= 1."""
-    limit, used = demand_limit(tasks), utilization(tasks)
-    if used < 1:
+    limit = demand_limit(tasks)
+    if limit is not None:
         return int(limit)
-    busy = busy_period(tasks)
+    busy = _busy(tasks, budget)
     return busy if busy is not None else lcm(*(t.period for t in tasks)) + max(_room(t) for t in tasks)
 
 

@@ -11,12 +11,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from math import ceil, lcm
+from math import lcm
 
-from labkit.scheduler.analysis.verdict import UndecidedError, Verdict
+from labkit.scheduler.analysis.shares import ONE, compared_to_one, total
+from labkit.scheduler.analysis.verdict import Budget, Verdict
+from labkit.scheduler.checks import whole
 from labkit.scheduler.tasksets import PeriodicTask, check_names
-
-MAX_STEPS = 1_000_000  #: steps of one fixed-point iteration, and jobs of one busy period, before `UndecidedError`
 
 
 @dataclass(frozen=True)
@@ -39,8 +39,7 @@ class Overheads:
 
     def __post_init__(self) -> None:
         for field, value in vars(self).items():
-            if not isinstance(value, int) or value < 0:
-                raise ValueError(f"overhead {field} is {value!r}; it must be a whole number of time units, at least 0")
+            object.__setattr__(self, field, whole(value, 0, f"overhead {field}"))
         if self.tick and not self.tick_period:
             raise ValueError("a tick cost needs a tick_period above 0")
 
@@ -50,28 +49,32 @@ NO_OVERHEADS = Overheads()
 
 def utilization(tasks: Iterable[PeriodicTask]) -> Fraction:
     """Sum of C / T, exact."""
-    return sum((Fraction(task.wcet, task.period) for task in tasks), Fraction(0))
+    return total(Fraction(task.wcet, task.period) for task in tasks)
 
 
-def least_window(base: int, load: Sequence[tuple[int, int, int]]) -> int | None:
+def least_window(base: int, load: Sequence[tuple[int, int, int]], budget: Budget) -> int | None:
     """Least w > 0 with w = base + sum of ceil((w + J) / T) C over `load`, rows of (C, T, J); None if there is none.
 
     This one equation gives response times, busy periods and blocking times. It starts from the bound that follows from
     ceil(x) >= x, so that it is quick even near full load.
+
+    Raises:
+        UndecidedError: the steps of `budget`, one for each row and one more in each round, do not suffice.
     """
-    used = sum((Fraction(c, t) for c, t, _ in load), Fraction(0))
-    carried = base + sum((Fraction(c * j, t) for c, t, j in load), Fraction(0))
-    if used > 1 or (used == 1 and carried > 0):
+    budget.spend(1 + len(load))
+    level = compared_to_one([(c, t) for c, t, _ in load])
+    if level > 0 or (level == 0 and (base > 0 or any(j for _, _, j in load))):
         return None
     window = base + sum(c for c, _, _ in load)
-    if used < 1:
-        window = max(window, ceil(carried / (1 - used)))
-    for _ in range(MAX_STEPS):
+    spare = ONE - sum(c * ONE // t for c, t, _ in load)
+    if spare > 0:  # (base + sum of C J / T) / (1 - U) in units of 1 / ONE, rounded so that it stays a lower bound
+        window = max(window, -(-(base * ONE + sum(c * j * ONE // t for c, t, j in load)) // spare))
+    while True:
+        budget.spend(1 + len(load))
         wider = base + sum(-(-(window + j) // t) * c for c, t, j in load)
         if wider == window:
             return window
         window = wider
-    raise UndecidedError(f"no answer after {MAX_STEPS} steps; at a utilisation of {float(used):.9f} the window grows too slowly")
 
 
 def job_responses(
@@ -98,28 +101,34 @@ def job_responses(
 
     Raises:
         ValueError: unknown name, or two tasks with one name.
-        UndecidedError: more than `MAX_STEPS` jobs or steps.
+        UndecidedError: more than `MAX_STEPS` steps.
     """
     tasks = check_names(tasks)
-    names = [task.name for task in tasks]
+    rank = {task.name: i for i, task in enumerate(tasks)}
     for wanted in {name, *(blocking or {})}:
-        if wanted not in names:
-            raise ValueError(f"no task {wanted!r} in this set; it has {', '.join(names)}")
-    held = (blocking or {}).get(name, 0)
-    rank = names.index(name)
+        if wanted not in rank:
+            raise ValueError(f"no task {wanted!r} in this set; it has {', '.join(rank)}")
+    return level_responses(tasks, rank[name], (blocking or {}).get(name, 0), overheads, Budget("response time"))
+
+
+def level_responses(
+    tasks: Sequence[PeriodicTask], rank: int, held: int | None, overheads: Overheads, budget: Budget
+) -> tuple[int, ...] | None:
+    """`job_responses` of the task at `rank`, which lower ones hold up for `held`."""
     task, cost = tasks[rank], _charge(tasks[rank], overheads)
     load = [(_charge(t, overheads), t.period, t.jitter) for t in tasks[:rank]]
     if overheads.tick:
         load.append((overheads.tick, overheads.tick_period, 0))
-    level = Fraction(cost, task.period) + sum(Fraction(c, t) for c, t, _ in load)
-    if held is None or level > 1:
+    level = compared_to_one([(cost, task.period), *((c, t) for c, t, _ in load)])
+    if held is None or level > 0:
         return None
-    rounds = lcm(task.period, *(t for _, t, _ in load)) // task.period if level == 1 else MAX_STEPS + 1
+    rounds = lcm(task.period, *(t for _, t, _ in load)) // task.period if level == 0 else None
     responses: list[int] = []
-    for job in range(rounds):
-        if job == MAX_STEPS:
-            raise UndecidedError(f"task {name!r}: more than {MAX_STEPS} jobs in one busy period")
-        window = least_window(held + overheads.section + (job + 1) * cost, load)
+    while rounds is None or len(responses) < rounds:
+        job = len(responses)
+        window = least_window(held + overheads.section + (job + 1) * cost, load, budget)
+        if window is None:  # the tasks above take all of the processor
+            return None
         responses.append(window - job * task.period + task.jitter)
         if window <= (job + 1) * task.period - task.jitter:
             break
@@ -129,10 +138,20 @@ def job_responses(
 def response_times(
     tasks: Iterable[PeriodicTask], *, blocking: Mapping[str, int | None] | None = None, overheads: Overheads = NO_OVERHEADS
 ) -> dict[str, int | None]:
-    """Worst response time of each task, counted from the arrival; None where there is no bound. See `job_responses`."""
-    tasks = check_names(tasks)
-    jobs = {task.name: job_responses(tasks, task.name, blocking=blocking, overheads=overheads) for task in tasks}
-    return {name: None if responses is None else max(responses) for name, responses in jobs.items()}
+    """Worst response time of each task, counted from the arrival; None where there is no bound. See `job_responses`.
+
+    Raises:
+        UndecidedError: more than `MAX_STEPS` steps for all of them together.
+    """
+    tasks, budget = check_names(tasks), Budget("response time")
+    unknown = set(blocking or {}) - {task.name for task in tasks}
+    if unknown:
+        raise ValueError(f"no task {min(unknown)!r} in this set; it has {', '.join(task.name for task in tasks)}")
+    found: dict[str, int | None] = {}
+    for rank, task in enumerate(tasks):
+        responses = level_responses(tasks, rank, (blocking or {}).get(task.name, 0), overheads, budget)
+        found[task.name] = None if responses is None else max(responses)
+    return found
 
 
 def response_time_test(
@@ -145,10 +164,11 @@ def response_time_test(
     tasks = check_names(tasks)
     exact = not any((blocking or {}).values()) and overheads == NO_OVERHEADS and not any(task.offset for task in tasks)
     responses = response_times(tasks, blocking=blocking, overheads=overheads)
-    late = [_late(task, responses[task.name]) for task in tasks if _misses(task, responses[task.name])]
+    late = [sentence for task in tasks if (sentence := _late(task, responses[task.name]))]
     if late:
         return Verdict(False, "response time", "; ".join(late), exact)
-    tightest = min(tasks, key=lambda task: task.deadline - responses[task.name])
+    spare = {task.name: task.deadline - (responses[task.name] or 0) for task in tasks}
+    tightest = min(tasks, key=lambda task: spare[task.name])
     answer = f"every response time is within its deadline; the closest is {tightest.name!r}"
     return Verdict(True, "response time", f"{answer} with {responses[tightest.name]} of {tightest.deadline}", exact)
 
@@ -157,11 +177,9 @@ def _charge(task: PeriodicTask, overheads: Overheads) -> int:
     return task.wcet + 2 * overheads.switch + overheads.job
 
 
-def _misses(task: PeriodicTask, response: int | None) -> bool:
-    return response is None or response > task.deadline
-
-
 def _late(task: PeriodicTask, response: int | None) -> str:
+    """What is wrong with this response time; nothing if it is within the deadline."""
     if response is None:
         return f"task {task.name!r}: response time without bound, deadline {task.deadline}"
-    return f"task {task.name!r}: response time {response} exceeds the deadline {task.deadline} by {response - task.deadline}"
+    over = response - task.deadline
+    return f"task {task.name!r}: response time {response} exceeds the deadline {task.deadline} by {over}" if over > 0 else ""

@@ -17,21 +17,35 @@ the pairs (ECET, EP, T) = (1, 1, 5) and (1, 5, 11) with utilisation 0.945: the s
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from fractions import Fraction
 from heapq import heappop, heappush
 from math import ceil, lcm
 
 import numpy as np
 
-from labkit.scheduler.analysis.fixed_priority import MAX_STEPS
-from labkit.scheduler.analysis.verdict import UndecidedError, Verdict
+from labkit.scheduler.analysis.shares import compared_to_one, total
+from labkit.scheduler.analysis.verdict import Budget, UndecidedError, Verdict
 from labkit.scheduler.tasksets import TaskPair, check_names
+
+#: Jobs that `taft_plan_test` places; a second or two.
+MAX_JOBS = 200_000
+
+#: Times beyond this one would not fit into 64 bits when work is added up.
+FAR = 1 << 60
+
+#: Pairs times lengths of interval that are judged at once, at most; it begins with a 64th of them, as most rejections come soon.
+BLOCK = 1 << 16
 
 
 def taft_utilization(pairs: Iterable[TaskPair]) -> Fraction:
     """Sum of (ECET + EP) / T, exact. Above 1 no scheduler can give the guarantees; up to 1 TAFT may or may not."""
-    return sum((Fraction(pair.ecet + pair.ep_wcet, pair.period) for pair in pairs), Fraction(0))
+    return total(Fraction(pair.ecet + pair.ep_wcet, pair.period) for pair in pairs)
+
+
+def _level(pairs: Sequence[TaskPair]) -> int:
+    """That sum below (-1), at (0) or above 1 (1)."""
+    return compared_to_one([(pair.ecet + pair.ep_wcet, pair.period) for pair in pairs])
 
 
 def taft_period_test(pairs: Iterable[TaskPair]) -> Verdict:
@@ -69,21 +83,28 @@ def taft_demand_test(pairs: Iterable[TaskPair]) -> Verdict:
 
     A task has n jobs inside an interval and at most one more overlapping each end. As the interval begins with a release and ends
     with a deadline, two tasks have none at one end, or one task has none at both.
+
+    Raises:
+        UndecidedError: more than `MAX_STEPS` steps, one for each task and length of interval. The nearer the utilisation is to
+            1, the longer the intervals that matter.
     """
-    pairs = check_names(pairs)
+    pairs, budget = check_names(pairs), Budget("TAFT demand")
+    if _level(pairs) > 0:
+        return _overload(pairs)
     used = taft_utilization(pairs)
-    if used > 1:
-        return _overload(used)
-    most = sum((Fraction((p.period - p.deadline) * (p.ecet + p.ep_wcet), p.period) + 2 * p.ep_wcet for p in pairs), Fraction(0))
+    most = total(Fraction((p.period - p.deadline) * (p.ecet + p.ep_wcet), p.period) + 2 * p.ep_wcet for p in pairs)
     if used == 1 and most > 0:
         return Verdict(False, "TAFT demand", "at full utilisation this test cannot tell", False)
-    times = _jumps(pairs, ceil(most / (1 - used)) if used < 1 else 0)
-    needed = _most_planned(pairs, times)
-    if np.all(needed <= times):
-        return Verdict(True, "TAFT demand", f"all is within the time in each of {len(times)} lengths of interval", False)
-    at = int(np.argmax(needed > times))
-    time, work = int(times[at]), int(needed[at])
-    return Verdict(False, "TAFT demand", f"{work} may be asked for within {time}, {work - time} too much for this test", False)
+    judged = 0
+    for times in _jumps(pairs, ceil(most / (1 - used)) if used < 1 else 0, budget):
+        needed = _most_planned(pairs, times)
+        over = needed > times
+        if over.any():
+            time, work = int(times[over][0]), int(needed[over][0])
+            why = f"{work} may be asked for within {time}, {work - time} too much for this test"
+            return Verdict(False, "TAFT demand", why, False)
+        judged += len(times)
+    return Verdict(True, "TAFT demand", f"all is within the time in each of {judged} lengths of interval", False)
 
 
 def taft_plan_test(pairs: Iterable[TaskPair]) -> Verdict:
@@ -93,20 +114,19 @@ def taft_plan_test(pairs: Iterable[TaskPair]) -> Verdict:
     proportion to the jobs in the least common multiple of the periods.
 
     Raises:
-        UndecidedError: that is more than `MAX_STEPS` jobs.
+        UndecidedError: that is more than `MAX_JOBS` jobs.
     """
     pairs = check_names(pairs)
-    used = taft_utilization(pairs)
-    if used > 1:
-        return _overload(used)
+    if _level(pairs) > 0:
+        return _overload(pairs)
     cycle = lcm(*(pair.period for pair in pairs))
     begun = max(pair.offset for pair in pairs)
     first = min(pair.offset for pair in pairs)
     # Released together, all is over before the next common release. Otherwise the plan, built from its end, and the schedule,
     # built from its start, each settle within one cycle in which all tasks take part.
     judged, end = (begun + cycle,) * 2 if begun == first else (begun + 2 * cycle, begun + 5 * cycle)
-    if sum((end - pair.offset) // pair.period for pair in pairs) > MAX_STEPS:
-        raise UndecidedError(f"more than {MAX_STEPS} jobs until the releases repeat after {cycle}; use taft_demand_test")
+    if sum((end - pair.offset) // pair.period for pair in pairs) > MAX_JOBS:
+        raise UndecidedError(f"TAFT plan: undecided, with more than {MAX_JOBS} jobs until the releases repeat")
     jobs = sorted((release, i) for i, pair in enumerate(pairs) for release in range(pair.offset, end, pair.period))
     windows = [(release, release + pairs[i].deadline, pairs[i].ep_wcet) for release, i in jobs]
     slots = latest_slots(windows)
@@ -127,9 +147,16 @@ def taft_plan_test(pairs: Iterable[TaskPair]) -> Verdict:
 
 
 def taft_test(pairs: Iterable[TaskPair]) -> Verdict:
-    """The sharpest answer at hand: the demand test if it accepts, else the plan itself where it can be built."""
+    """The sharpest answer at hand: the demand test if it accepts, else the plan itself where it can be built.
+
+    Raises:
+        UndecidedError: neither test can tell within its budget.
+    """
     pairs = check_names(pairs)
-    verdict = taft_demand_test(pairs)
+    try:
+        verdict = taft_demand_test(pairs)
+    except UndecidedError:
+        return taft_plan_test(pairs)
     if verdict.accepted or verdict.exact:
         return verdict
     try:
@@ -205,44 +232,52 @@ def _expected_finishes(
     return finishes
 
 
-def _jumps(pairs: Sequence[TaskPair], last: int) -> np.ndarray:
-    """Lengths at which `_most_planned` can jump, from the least deadline to `last`; at least the former."""
-    least = min(pair.deadline for pair in pairs)
-    if sum(3 * max(0, last - least) // pair.period for pair in pairs) > MAX_STEPS:
-        raise UndecidedError(f"more than {MAX_STEPS} intervals to check; the utilisation is too near 1")
-    steps = [np.array([least])]
-    for pair in pairs:
-        for residue in (pair.deadline, 1, 2 - pair.deadline):
-            steps.append(np.arange(least + (residue - least) % pair.period, last + 1, pair.period))
-    return np.unique(np.concatenate(steps))
+def _jumps(pairs: Sequence[TaskPair], last: int, budget: Budget) -> Iterator[np.ndarray]:
+    """Lengths at which `_most_planned` can jump, from the least deadline to `last`, rising, in blocks; at least the former."""
+    start = min(pair.deadline for pair in pairs)
+    yield np.array([start])
+    if last > FAR:
+        raise UndecidedError(f"{budget.analysis}: undecided, with intervals of up to {last}")
+    period = np.array([pair.period for pair in pairs])
+    deadline = np.array([pair.deadline for pair in pairs])
+    residues = np.concatenate([deadline, np.ones_like(deadline), 2 - deadline])
+    steps = np.tile(period, 3)
+    wanted = BLOCK // 64
+    while start < last:
+        stop = min(last, start + max(1, int(wanted / len(pairs) / float(np.sum(1 / steps)))))
+        first = start + 1 + (residues - start - 1) % steps
+        count = np.maximum(0, (stop - first) // steps + 1)
+        nth = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
+        times = np.unique(np.repeat(first, count) + nth * np.repeat(steps, count))
+        budget.spend(len(pairs) * (len(times) + 1))
+        if len(times):
+            yield times
+        start, wanted = stop, min(BLOCK, 2 * wanted)
 
 
 def _most_planned(pairs: Sequence[TaskPair], times: np.ndarray) -> np.ndarray:
     """Most work, as `taft_demand_test` counts it, in an interval of each of these lengths."""
-    free, saved_one, saved_both = [], [], []
-    for pair in pairs:
-        inside = np.maximum(0, (times - pair.deadline) // pair.period + 1)
-        both_ends = _work(pair, inside, times, 2)
-        shifted = np.where(inside > 0, _work(pair, inside - 1, times, 2), 0)  # one job less inside may let two overlap
-        most = np.maximum(both_ends, shifted)
-        fits = times >= pair.deadline
-        free.append(most)
-        saved_one.append(np.where(fits, most - _work(pair, inside, times, 1), np.iinfo(np.int64).max // 4))
-        saved_both.append(np.where(fits, most - _work(pair, inside, times, 0), np.iinfo(np.int64).max // 4))
-    least = np.min(saved_both, axis=0)
+    ecet, ep, period, deadline = (
+        np.array([[getattr(pair, field)] for pair in pairs]) for field in ("ecet", "ep_wcet", "period", "deadline")
+    )
+
+    def work(inside: np.ndarray, ends: int) -> np.ndarray:
+        """ECETs and exception parts of `inside` jobs, and the exception parts of jobs overlapping at most so many ends."""
+        slack = times - deadline - (inside - 1) * period
+        pause = period - deadline
+        overlapping = (slack >= pause + 1).astype(np.int64) + (slack >= 2 * pause + 2)
+        return inside * ecet + (inside + np.minimum(overlapping, ends)) * ep
+
+    inside = np.maximum(0, (times - deadline) // period + 1)
+    most = np.maximum(work(inside, 2), np.where(inside > 0, work(inside - 1, 2), 0))  # one job less may let two overlap
+    fits, never = times >= deadline, np.iinfo(np.int64).max // 4
+    least = np.where(fits, most - work(inside, 0), never).min(axis=0)
     if len(pairs) > 1:
-        least = np.minimum(least, np.sort(saved_one, axis=0)[:2].sum(axis=0))
-    return np.sum(free, axis=0) - least
+        saved_one = np.where(fits, most - work(inside, 1), never)
+        least = np.minimum(least, np.partition(saved_one, 1, axis=0)[:2].sum(axis=0))
+    return most.sum(axis=0) - least
 
 
-def _work(pair: TaskPair, inside: np.ndarray, times: np.ndarray, ends: int) -> np.ndarray:
-    """ECETs and exception parts of `inside` jobs, and the exception parts of jobs overlapping at most so many ends."""
-    slack = times - pair.deadline - (inside - 1) * pair.period
-    pause = pair.period - pair.deadline
-    overlapping = (slack >= pause + 1).astype(np.int64) + (slack >= 2 * pause + 2)
-    return inside * pair.ecet + (inside + np.minimum(overlapping, ends)) * pair.ep_wcet
-
-
-def _overload(used: Fraction) -> Verdict:
-    why = f"expected times and exception parts ask for {float(used):.4f} of the processor"
+def _overload(pairs: Sequence[TaskPair]) -> Verdict:
+    why = f"expected times and exception parts ask for {float(taft_utilization(pairs)):.4f} of the processor"
     return Verdict(False, "TAFT utilisation", why, True)

@@ -1,8 +1,11 @@
-"""What a schedulability test answers."""
+"""What a schedulability test answers, and how much work it may take to do so."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+
+#: Steps one analysis may take; a step looks at one task once, so that this is about a second.
+MAX_STEPS = 4_000_000
 
 
 @dataclass(frozen=True)
@@ -27,4 +30,18 @@ class Verdict:
 
 
 class UndecidedError(ValueError):
-    """The analysis would take more steps than it is allowed; it happens only at utilisations within a hair of 1."""
+    """The analysis would take more than `MAX_STEPS`: at utilisations within a hair of 1, or for thousands of tasks."""
+
+
+@dataclass
+class Budget:
+    """What is left of the steps that `analysis` may take."""
+
+    analysis: str
+    left: int = MAX_STEPS
+
+    def spend(self, steps: int) -> None:
+        """Take so many steps off; UndecidedError if there are not so many left."""
+        self.left -= steps
+        if self.left < 0:
+            raise UndecidedError(f"{self.analysis}: undecided after {MAX_STEPS} steps")
