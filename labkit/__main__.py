@@ -152,7 +152,7 @@ def _schedule(args: argparse.Namespace) -> None:
 
 
 def _windows(args: argparse.Namespace) -> None:
-    from labkit.phases.windows import read_chain, windows
+    from labkit.phases import read_chain, windows
 
     made = windows(read_chain(args.chain), args.period_ns, args.reserve_ns)
     if args.json:

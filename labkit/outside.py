@@ -148,7 +148,7 @@ def _sentence(model: type[BaseModel], data: Any, error: Mapping[str, Any], what:
             return f"{owner} has no {last}; {allowed} is needed"
         case "too_long":
             return f"{owner} has {len(data)} {last}; {allowed} is allowed"
-    return f"{': '.join(steps) or what} is {shown(data)}; {allowed} is allowed"
+    return f"{': '.join(steps) or what} is {shown(error['input'])}; {allowed} is allowed"
 
 
 def _item(annotation: Any) -> FieldInfo | None:

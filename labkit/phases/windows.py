@@ -11,8 +11,6 @@ printed cumulative deadlines down to the last but one.
 
 from __future__ import annotations
 
-import csv
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -166,46 +164,6 @@ def check_windows(
             raise ValueError(f"the window of phase {phase!r} is {demand - deadline} ns too short for its {demand} ns (4.17)")
         made.append(Window(phase, release, deadline, end, demand, deadline - demand))
     return made
-
-
-def read_chain(path: str | os.PathLike) -> list[Part]:
-    """A chain from a CSV file with the columns phase, part, ecet_ns, wcet_ep_ns and optionally wcet_ns.
-
-    Raises:
-        ValueError: a column is missing, a cell is no whole number, or a value is out of bounds; names the file and line.
-    """
-    with open(path, newline="", encoding="utf-8-sig") as file:
-        reader = csv.DictReader(file, skipinitialspace=True)
-        missing = [c for c in ("phase", "part", "ecet_ns", "wcet_ep_ns") if c not in (reader.fieldnames or ())]
-        if missing:
-            raise ValueError(f"{path}: no column {', '.join(missing)}; a chain has phase, part, ecet_ns, wcet_ep_ns")
-        chain = []
-        for row in reader:
-            where = f"{path}, line {reader.line_num}"
-            try:
-                if not (row["phase"] or "").strip():
-                    raise ValueError("the phase has no name")
-                numbers = [_cell(row, column) for column in ("ecet_ns", "wcet_ep_ns", "wcet_ns")]
-                if numbers[0] is None or numbers[1] is None:
-                    raise ValueError("ecet_ns and wcet_ep_ns must be given")
-                phase = row["phase"].strip()
-                chain.append(Part(phase, (row["part"] or "").strip() or phase, *numbers))
-            except ValueError as error:
-                raise ValueError(f"{where}: {error}") from None
-    if not chain:
-        raise ValueError(f"{path}: the chain is empty; it needs at least one phase")
-    phases_of(chain)
-    return chain
-
-
-def _cell(row: dict, column: str) -> int | None:
-    text = (row.get(column) or "").strip()
-    if not text:
-        return None
-    try:
-        return int(text.replace("_", "").replace(" ", ""))
-    except ValueError:
-        raise ValueError(f"{column} is {text!r}; it must be a whole number of nanoseconds") from None
 
 
 def _whole_ns(what: str, value: int, least: int) -> None:

@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from labkit.phases import Part, check_windows, read_chain, windows
 from labkit.phases.designs import DESIGNS, guarantees, phase_times, run_design, run_designs
 from labkit.phases.laser_chain import CONTOUR, MS, PERIOD_NS, RESERVE_NS, contour_model, experiment_1, laser_chain, laser_load
-from labkit.phases.windows import Part, check_windows, read_chain, windows
 
 PUBLISHED = Path(__file__).parents[2] / "data" / "diplom_table5_windows.csv"
 
@@ -116,11 +116,26 @@ def test_a_chain_is_read_from_csv(tmp_path):
     [
         ("phase,part,ecet_ns\nscan,,4\n", "no column wcet_ep_ns"),
         ("phase,part,ecet_ns,wcet_ep_ns\n", "the chain is empty"),
-        ("phase,part,ecet_ns,wcet_ep_ns\nscan,,4.5,1\n", "line 2: ecet_ns is '4.5'; it must be a whole number"),
-        ("phase,part,ecet_ns,wcet_ep_ns\nscan,,4,\n", "line 2: ecet_ns and wcet_ep_ns must be given"),
-        ("phase,part,ecet_ns,wcet_ep_ns\n,,4,1\n", "line 2: the phase has no name"),
+        (
+            "phase,part,ecet_ns,wcet_ep_ns\nscan,,4.5,1\n",
+            "line 2: ecet_ns is '4.5'; a whole number from 1 to 1000000000000000000 is allowed",
+        ),
+        ("phase,part,ecet_ns,wcet_ep_ns\nscan,,4,\n", "line 2: the part has no wcet_ep_ns; a whole number from 0"),
+        (
+            "phase,part,ecet_ns,wcet_ep_ns\n,,4,1\n",
+            "line 2: the part has no phase; a text of 1 to 100 printable characters is needed",
+        ),
         ("phase,part,ecet_ns,wcet_ep_ns\nscan,,4,-1\n", "wcet_ep_ns is -1"),
-        ("phase,part,ecet_ns,wcet_ep_ns\nscan\n", "line 2"),
+        ("phase,part,ecet_ns,wcet_ep_ns\nscan\n", "line 2: the part has no ecet_ns"),
+        ('phase,part,ecet_ns,wcet_ep_ns\n"a\nb",,4,1\n', r"line 3: phase is 'a\nb'; a text of 1 to 100 printable characters"),
+        ("phase,part,ecet_ns,wcet_ep_ns\nscan,,4,1" + "0" * 5000, "line 2: wcet_ep_ns is '10000000"),
+        (
+            "phase,part,ecet_ns,wcet_ep_ns\nscan,,4,1" + "0" * 18 + "1",
+            "line 2: wcet_ep_ns is 10000000000000000001; a whole number",
+        ),
+        ("phase,part,ecet_ns,wcet_ep_ns\nscan," + "x" * 200_000, "line 2: field larger than field limit"),
+        ("phase,part,ecet_ns,wcet_ep_ns,ecet_ns\nscan,,4,1,5\n", "line 1: more than one column ecet_ns"),
+        ("phase,part,ecet_ns,wcet_ep_ns\n" + "a,,4,1\nb,,4,1\n" * 501, "the chain has more parts than 1000"),
         ("", "no column phase"),
     ],
 )
