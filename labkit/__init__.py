@@ -24,7 +24,14 @@ _HOME = {
 def __getattr__(name: str) -> Any:
     if name in _HOME:
         return getattr(import_module(_HOME[name]), name)
-    experiments = import_module("labkit.experiments")
-    if name in experiments.MODULES:
-        return getattr(experiments, name)
+    if name == "__all__":
+        return [*_HOME, *import_module("labkit.experiments").MODULES]
+    if not name.startswith("_"):
+        experiments = import_module("labkit.experiments")
+        if name in experiments.MODULES:
+            return getattr(experiments, name)
     raise AttributeError(f"module 'labkit' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__getattr__("__all__")})

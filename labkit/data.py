@@ -1,4 +1,4 @@
-"""The measurements that both sources published, from the folder `data` beside the package (its README describes every column)."""
+"""The measurements that both sources published, from the folder `data` (its README describes every column)."""
 
 from __future__ import annotations
 
@@ -8,17 +8,21 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     import pandas as pd
 
-FOLDER = Path(__file__).resolve().parents[1] / "data"
+_PACKAGE = Path(__file__).resolve().parent
+
+
+def _folder() -> Path:
+    """In an installed package the files lie inside it, in a checkout beside it."""
+    return next((place for place in (_PACKAGE / "data_files", _PACKAGE.parent / "data") if place.is_dir()), _PACKAGE)
 
 
 def published(name: str) -> Path:
     """Path of one published file; ValueError lists those there are."""
-    path = FOLDER / name
-    if not path.is_file():
-        raise ValueError(
-            f"no published file {name!r}; there are {', '.join(sorted(p.name for p in FOLDER.glob('*.*') if p.suffix != '.md'))}"
-        )
-    return path
+    folder = _folder()
+    names = sorted(path.name for path in folder.glob("*.*") if path.suffix in (".csv", ".log"))
+    if name not in names:
+        raise ValueError(f"no published file {name!r}; there are {', '.join(names) or f'none in {folder}'}")
+    return folder / name
 
 
 def published_table(name: str) -> pd.DataFrame:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from importlib import import_module
+from typing import Any
 
 from labkit.experiment import Experiment, ParameterError
 
@@ -35,10 +36,46 @@ MODULES: dict[str, str] = {
 }
 
 
-def __getattr__(name: str) -> type[Experiment]:
-    if name not in MODULES:
+#: What the exercises need beside the experiments: the check of each, and what two of them work on; name -> module.
+EXERCISES: dict[str, str] = {
+    "check_harmless_inversion": "priority_inversion",
+    "check_bound_reached": "priority_inversion",
+    "check_prompt_middle": "priority_inversion",
+    "check_shortest_queue": "messages",
+    "check_wrong_total": "cache_speedups",
+    "check_idle_formula": "cache_speedups",
+    "check_sample_difference": "cache_speedups",
+    "check_coldest": "cache_speedups",
+    "check_full_of_holes": "cache_patterns",
+    "check_fifo_beats_lru": "cache_patterns",
+    "check_good_order": "cache_patterns",
+    "check_failures": "dma_exercises",
+    "check_rounding": "dma_exercises",
+    "check_receive_driver": "dma_exercises",
+    "check_region": "dma_exercises",
+    "check_rm_misses": "schedulability",
+    "check_beyond_the_bounds": "schedulability",
+    "check_fed_pair": "schedulability",
+    "check_expected_time": "acceptance",
+    "check_period": "taft_phases",
+    "check_few_aborts": "taft_phases",
+    "check_chain": "taft_phases",
+    "agent": "dma_session",
+    "CREATE_CLIENT": "dma_session",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name == "__all__":
+        return [*MODULES, *EXERCISES, "experiments", "find"]
+    module = MODULES.get(name) or EXERCISES.get(name)
+    if module is None:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f"{__name__}.{MODULES[name]}"), name)
+    return getattr(import_module(f"{__name__}.{module}"), name)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__getattr__("__all__")})
 
 
 def experiments() -> dict[str, type[Experiment]]:
