@@ -2,8 +2,8 @@
 
 They need `switch`, `release`, `complete` and `abort` rows, as the kernel, the periodic and the TAFT schedulers write them, and
 take `deadline` rows where there are some. Jobs of a task are numbered and served in order of release, so a slice belongs to the
-job that ends next, or else to the oldest open one. A job that never ends although a later one of its task does was given up when
-the next was released.
+job that ends next, or else to the oldest open one, though not before its nominal release. A job that never ends although a later
+one of its task does was given up when the next was released.
 
 A window of a trace does not tell everything: a job released before it has no release here, and a slice whose job begins before
 the window and ends after it belongs to job -1.
@@ -233,7 +233,7 @@ class _Events:
         row = _rows(trace, *kinds)
         order = np.argsort(trace.task[row], kind="stable")
         self.row = row[order]
-        self.task, self.job = trace.task[self.row], trace.extra[self.row]
+        self.task, self.job, self.value = trace.task[self.row], trace.extra[self.row], trace.value[self.row]
         self._rows, self._jobs = len(trace) + 1, int(trace.extra[row].max(initial=0)) + 2
         self._by_row = self.task * self._rows + self.row
         self._by_job = np.argsort(self.task * self._jobs + self.job, kind="stable")
@@ -253,27 +253,32 @@ class _Events:
         return self._get(self.job, np.searchsorted(self._by_row, task * self._rows + row, side="right"), task)
 
     def following(self, task: np.ndarray, job: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The lowest job of the task above this one, and its row; -1: none."""
+        """The lowest job of the task above this one, and the value of its event; -1: none."""
         at = np.searchsorted(self._job_keys, task * self._jobs + np.minimum(job, self._jobs - 2), side="right")
         at = np.append(self._by_job, len(self.row))[at]
-        return self._get(self.job, at, task), self._get(self.row, at, task)
+        return self._get(self.job, at, task), self._get(self.value, at, task)
 
-    def row_of(self, task: np.ndarray, job: np.ndarray) -> np.ndarray:
-        """Row of the event of this job, -1: none."""
-        found, row = self.following(task, job - 1)
-        return np.where(found == job, row, -1)
+    def value_of(self, task: np.ndarray, job: np.ndarray) -> np.ndarray:
+        """The value of the event of this job, -1: none."""
+        found, value = self.following(task, job - 1)
+        return np.where(found == job, value, -1)
+
+    def has(self, task: np.ndarray, job: np.ndarray) -> np.ndarray:
+        """Whether there is an event of this job."""
+        return self.following(task, job - 1)[0] == job
 
 
 def _main_jobs(trace: Trace, task: np.ndarray, row: np.ndarray) -> np.ndarray:
     """The job a main part works on from this row on, see the text of the module."""
+    now = trace.time[row]
     releases, ends = _Events(trace, "release"), _Events(trace, "complete", "abort")
     ending = ends.next(task, row)
-    begun = (ending >= 0) & (releases.row_of(task, ending) <= row)  # a release before the trace is not in it
+    begun = (ending >= 0) & (releases.value_of(task, ending) <= now)  # -1: released before the trace
     latest = releases.last(task, row)
-    given_up = np.where(ends.row_of(task, latest) < 0, latest, -1)
+    given_up = np.where(ends.has(task, latest), -1, latest)
     ended = ends.last(task, row)
-    oldest, released = releases.following(task, ended)
-    known = (oldest >= 0) & (released <= row) & ((oldest == ended + 1) | (trace.start == 0))
+    oldest, nominal = releases.following(task, ended)
+    known = (oldest >= 0) & (nominal <= now) & ((oldest == ended + 1) | (trace.start == 0))
     return np.where(begun, ending, np.where(ending >= 0, given_up, np.where(known, oldest, -1)))
 
 
@@ -282,5 +287,5 @@ def _exception_jobs(trace: Trace, name: np.ndarray, task: np.ndarray, row: np.nd
     aborts = _Events(trace, "abort")
     aborted = aborts.last(task, row)
     completed = _Events(trace, "complete").next(name, row)
-    before = np.where(aborts.row_of(task, completed) < 0, completed, -1)
+    before = np.where(aborts.has(task, completed), -1, completed)
     return np.where(aborted >= 0, aborted, before)

@@ -14,7 +14,6 @@ release                                          value: nominal release time    
 deadline                                         value: absolute deadline       extra: job number just released
 complete                                         value: absolute deadline or -1 extra: job number
 abort                                            value: absolute deadline or -1 extra: job number
-miss                                             value: absolute deadline       extra: job number
 begin              other: enclosing scope or -1
 end
 inherit            other: task that caused it    value: priority from now on    extra: base priority

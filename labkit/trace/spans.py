@@ -133,21 +133,25 @@ def spans(trace: Trace) -> pd.DataFrame:
             switched out; the selfs of all spans never overlap.
         depth: number of spans open around it at its start (0: none).
         complete: False if the edge of the recording cut it, so that its true duration is unknown.
+        core: its core, if the trace has several; spans of different cores are not nested in each other.
     """
     import pandas as pd
 
-    table = _span_table(trace)
+    tables = {core: _span_table(part) for core, part in trace.cores().items()}
+    table = {key: np.concatenate([some[key] for some in tables.values()]) for key in next(iter(tables.values()))}
     order = np.lexsort((table["depth"], table["opened"], table["start"]))
     columns = {key: table[key][order] for key in ("start", "end", "duration", "self", "depth", "complete")}
+    if trace.core is not None:
+        columns["core"] = np.repeat(list(tables), [len(some["name"]) for some in tables.values()])[order]
     names = np.array([*trace.names, KERNEL], dtype=object)[table["name"][order]]
     return pd.DataFrame({"name": pd.Series(names, dtype=object), **columns})
 
 
 def _span_table(trace: Trace) -> dict[str, np.ndarray]:
-    """The columns of `spans` as arrays, in no particular order; names as codes, the kernel's being one more than there are."""
+    """The columns of `spans` of one core as arrays, in no order; names as codes, the kernel's being one more than there are."""
     runs = _runs(trace)
     kinds = runs, _overheads(trace), _paired(trace)
-    name, opened, closed, begin, end, complete = (np.concatenate(parts) for parts in zip(*kinds))
+    name, opened, closed, begin, end, complete = (np.concatenate(parts) for parts in zip(*kinds, strict=True))
     nesting = nest(name, opened, closed, begin, end)
     return {
         "name": name,

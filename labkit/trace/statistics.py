@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from labkit.trace.kinds import CODE
+from labkit.trace.jobs import jobs
 from labkit.trace.spans import KERNEL, _span_table
 from labkit.trace.trace import Trace
 
@@ -32,10 +32,11 @@ COLUMNS: dict[str, tuple[str, str]] = {
     "period": ("us", "interval between consecutive activations, mean"),
     "jitter": ("us", "period jitter: largest |interval - median interval|"),
     "period_std": ("us", "standard deviation of the intervals"),
-    "jobs": ("", "jobs with both a release and a completion"),
+    "jobs": ("", "jobs with both a release and a completion (after an abort, that of the exception part)"),
     "response_mean": ("us", "response time, nominal release to completion, mean"),
     "response_p99": ("us", "response time, 99th percentile"),
     "response_max": ("us", "response time, largest observed: no guarantee"),
+    "aborts": ("", "main parts aborted"),
     "misses": ("", "deadlines missed"),
 }
 
@@ -43,37 +44,55 @@ COLUMNS: dict[str, tuple[str, str]] = {
 def statistics(trace: Trace) -> pd.DataFrame:
     """Statistics per task and scope, and for the kernel itself where its costs are known; the same for logs and simulations.
 
-    An activation is the start of a job where the trace has `release` rows (when the task first runs at or after the release),
-    otherwise the begin of a span. Response times need releases and completions; context switches alone cannot give
+    An activation is the start of a job where the trace has `release` rows (when the task first runs at or after the nominal
+    release), otherwise the begin of a span. Response times need releases and completions; context switches alone cannot give
     them, so their columns are NaN for a log. Percentiles are nearest-rank: always a value that was observed.
 
     Complete spans count in everything. A run on the CPU that the edge of the recording cuts counts in `self` and `share`, since
     `switch` rows say who has the CPU; a begin without an end does not, since a lost line looks the same. Durations
     include preemption and the kernel's own time, `self` does not.
 
+    An exception part has a row of its own for its time on the processor; its jobs are those of its task.
+
     Returns:
-        A frame indexed by name, by falling `self`; its columns, units and meanings are in `COLUMNS` (times in microseconds).
-        A value that the trace cannot tell is NaN.
+        A frame indexed by name, or by name and core if the trace has several, by falling `self`; its columns, units and
+        meanings are in `COLUMNS` (times in microseconds). A value that the trace cannot tell is NaN.
     """
     import pandas as pd
 
     us = 1e6 / trace.hz
-    size = len(trace.names) + 1  # and the kernel itself
+    names = [*trace.names, KERNEL]
     length = trace.end - trace.start
-    table = _span_table(trace)
+    cores = trace.cores()
+    size = len(names) * len(
+        cores
+    )  # a row is a name on a core: its code is that of the name, plus len(names) for each core before
+    tables, active, tasks = [], [], []
+    for first, part in zip(range(0, size, len(names)), cores.values(), strict=True):
+        table, done = _span_table(part), jobs(part)
+        begun, at = _activations(part, table)
+        tables.append({**table, "name": table["name"] + first})
+        active.append((begun + first, at))
+        tasks.append((done.task + first, done))
+    table = {key: np.concatenate([some[key] for some in tables]) for key in tables[0]}
     whole = table["complete"]
     name, duration, own = table["name"][whole], table["duration"][whole], table["self"][whole]
     durations, selfs = _Groups(name, duration, size), _Groups(name, own, size)
     known = whole | table["run"]
     total_self = np.bincount(table["name"][known], table["self"][known], size)
 
-    active_name, active_time = _activations(trace, table)
+    active_name, active_time = (np.concatenate(column) for column in zip(*active, strict=True))
     activations = np.bincount(active_name, minlength=size)
     intervals = _intervals(active_name, active_time, size)
     median = intervals.median()
     deviation = _Groups(intervals.name, np.abs(intervals.value - median[intervals.name]), size)
-    response = _responses(trace, size)
-    misses = np.bincount(trace.task[(trace.kind == CODE["miss"]) & (trace.task >= 0)], minlength=size)
+    response = _Groups(
+        np.concatenate([task[done.response >= 0] for task, done in tasks]),
+        np.concatenate([done.response[done.response >= 0] for _, done in tasks]),
+        size,
+    )
+    aborts = np.bincount(np.concatenate([task[done.abort >= 0] for task, done in tasks]), minlength=size)
+    misses = np.bincount(np.concatenate([task[done.missed] for task, done in tasks]), minlength=size)
 
     frame = pd.DataFrame(
         {
@@ -98,10 +117,13 @@ def statistics(trace: Trace) -> pd.DataFrame:
             "response_mean": response.mean() * us,
             "response_p99": response.rank(0.99) * us,
             "response_max": response.rank(1) * us,
+            "aborts": aborts,
             "misses": misses,
         },
-        index=pd.Index([*trace.names, KERNEL], name="name", dtype=object),
+        index=pd.MultiIndex.from_product([list(cores), names], names=["core", "name"]).swaplevel(),
     )
+    if trace.core is None:
+        frame.index = pd.Index(names, name="name", dtype=object)
     seen = np.bincount(table["name"], minlength=size) + activations + response.count + misses > 0
     return frame[seen].sort_values("self", ascending=False, kind="stable")
 
@@ -109,8 +131,9 @@ def statistics(trace: Trace) -> pd.DataFrame:
 def describe(frame: pd.DataFrame) -> str:
     """The statistics as a table for reading: the main columns, without those that tell nothing here."""
     shown = frame.drop(columns=["self_mean", "self_max", "period_std"]).dropna(axis="columns", how="all")
-    shown = shown[[c for c in shown if c not in ("cut", "jobs", "misses") or shown[c].any()]]
-    layout = {c: "{:.0f}" if c in ("count", "cut", "jobs", "misses") else "{:.2%}" if c == "share" else "{:.1f}" for c in shown}
+    counts = ("count", "cut", "jobs", "aborts", "misses")
+    shown = shown[[c for c in shown if c not in counts[1:] or shown[c].any()]]
+    layout = {c: "{:.0f}" if c in counts else "{:.2%}" if c == "share" else "{:.1f}" for c in shown}
     text = shown.to_string(formatters={c: f.format for c, f in layout.items()}, index_names=False, na_rep="")
     note = "times in us, rate per second; percentiles are observed values; a max is the largest observed, not a guarantee"
     return f"{text}\n{note}"
@@ -149,19 +172,19 @@ class _Groups:
 
 def _activations(trace: Trace, table: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
     """Name and time of each activation."""
-    released = (trace.kind == CODE["release"]) & (trace.task >= 0)
-    periodic = np.unique(trace.task[released])
-    begun = (table["opened"] >= 0) & ~np.isin(table["name"], periodic)
-    names, times = [table["name"][begun]], [table["start"][begun]]
-    for task in periodic:
-        mine = table["name"] == task
-        start, end = np.sort(table["start"][mine]), np.sort(table["end"][mine])  # runs of one task do not overlap
-        release = trace.time[released & (trace.task == task)]
-        at = np.searchsorted(end, release, side="right")  # the first run that goes on after the release
-        started = np.maximum(start[at[at < len(start)]], release[at < len(start)])
-        names.append(np.full(len(started), task))
-        times.append(started)
-    return np.concatenate(names), np.concatenate(times)
+    released = np.flatnonzero(trace.of("release") & (trace.task >= 0))
+    task, release = trace.task[released], trace.value[released]
+    periodic = np.isin(table["name"], task)
+    begun = (table["opened"] >= 0) & ~periodic
+    order = np.lexsort((table["end"][periodic], table["name"][periodic]))
+    name, start, end = (table[key][periodic][order] for key in ("name", "start", "end"))  # runs of one task do not overlap
+    moments, at = np.unique(np.concatenate([end, release]), return_inverse=True)
+    key = name * len(moments) + at[: len(end)]
+    run = np.searchsorted(key, task * len(moments) + at[len(end) :], side="right")  # the first that goes on after the release
+    some = run < len(name)
+    some[some] = name[run[some]] == task[some]
+    started = np.maximum(start[run[some]], release[some])
+    return np.concatenate([table["name"][begun], task[some]]), np.concatenate([table["start"][begun], started])
 
 
 def _intervals(name: np.ndarray, time: np.ndarray, size: int) -> _Groups:
@@ -169,14 +192,3 @@ def _intervals(name: np.ndarray, time: np.ndarray, size: int) -> _Groups:
     name, time = name[order], time[order]
     same = name[1:] == name[:-1]
     return _Groups(name[1:][same], np.diff(time)[same], size)
-
-
-def _responses(trace: Trace, size: int) -> _Groups:
-    """Completion minus nominal release of every job that has both; a job is its task and number."""
-    release, complete = (trace.rows(kind)[:, [2, 5, 0, 4]] for kind in ("release", "complete"))
-    both = np.concatenate([np.insert(release, 2, 0, axis=1), np.insert(complete, 2, 1, axis=1)])  # task, job, which, time, value
-    both = both[both[:, 0] >= 0]
-    both = both[np.lexsort((both[:, 2], both[:, 1], both[:, 0]))]
-    match = (both[1:, :2] == both[:-1, :2]).all(axis=1) & (both[:-1, 2] == 0) & (both[1:, 2] == 1)
-    task, nominal, done = both[:-1, 0][match], both[:-1, 4][match], both[1:, 3][match]
-    return _Groups(task, done - nominal, size)

@@ -27,6 +27,7 @@ class Trace:
         hz: time units per second, so 216_000_000 for CPU cycles, 1_000_000 for microseconds.
         start, end: the observed interval, in time units; a run or span still open at `end` is cut there.
         exception_of: per name the index of the task whose exception part it is, or -1; empty if there is no such part.
+        core: number of the core of each event, int64 of shape (n,); None if there is only one. See `cores`.
     """
 
     time: np.ndarray
@@ -40,6 +41,7 @@ class Trace:
     start: int
     end: int
     exception_of: tuple[int, ...] = ()
+    core: np.ndarray | None = None
 
     @classmethod
     def from_rows(
@@ -68,6 +70,20 @@ class Trace:
         """The events of these kinds (all of them if none is named) as an int64 array of shape (m, 6)."""
         some = np.flatnonzero(self.of(*kinds)) if kinds else slice(None)
         return np.stack([getattr(self, name)[some] for name in COLUMNS], axis=1)
+
+    def take(self, rows: np.ndarray) -> Trace:
+        """The trace of some of the events only: their positions in order, or a bool for each."""
+        columns = {name: getattr(self, name)[rows] for name in COLUMNS}
+        return replace(self, **columns, core=None if self.core is None else self.core[rows])
+
+    def cores(self) -> dict[int, Trace]:
+        """Core number -> what happened there, as a trace of one core. With a single core that is {0: this trace}.
+
+        Spans, runs and slices are found core by core, since what runs at once on two of them is not nested.
+        """
+        if self.core is None:
+            return {0: self}
+        return {int(core): replace(self.take(self.core == core), core=None) for core in np.unique(self.core)}
 
     def of(self, *kinds: str) -> np.ndarray:
         """Which events are of these kinds, as a bool array of shape (n,)."""
@@ -99,21 +115,30 @@ class Trace:
         return (time - self.start) / self.hz
 
     def window(self, start: int, end: int) -> Trace:
-        """The part from `start` (included) to `end` (excluded).
+        """The part from `start` (included) to `end`: of what happens at `end` only the ends of jobs are in it, unless the
+        recording itself ends there.
 
         Who runs at `start`, and what is left of a kernel overhead then, are kept as rows at `start`.
         """
         if not self.start <= start <= end <= self.end:
             raise ValueError(f"window {start}..{end} is not inside the recording {self.start}..{self.end}")
-        table = self.rows()
-        keep = table[(self.time >= start) & (self.time < end)]
-        before = table[(self.time < start) & (self.kind == CODE["switch"])]
-        if len(before) and start < end:
-            first = before[-1].copy()
-            first[0], first[3], first[5] = start, -1, -1
-            cost = table[(self.time < start) & (self.kind == CODE["overhead"]) & (self.time + self.value > start)]
-            cost[:, 4] -= start - cost[:, 0]
-            cost[:, 0] = start
-            keep = np.vstack([first, cost, keep])
-        columns = dict(zip(COLUMNS, np.ascontiguousarray(keep.T), strict=True))
-        return replace(self, **columns, start=start, end=end)
+        ending = (self.time == end) & (self.of("complete", "abort") | (end == self.end))
+        inside = (self.time >= start) & (self.time < end) | ending
+        if start == self.start or start == end:
+            return replace(self.take(inside), start=start, end=end)
+        early = self.time < start
+        running = [rows[-1] for rows in self._by_core(early & self.of("switch"))]
+        costs = np.flatnonzero(early & self.of("overhead") & (self.time + self.value > start))
+        made = self.take(np.concatenate([np.array(running, dtype=np.int64), costs, np.flatnonzero(inside)]))
+        first, last = len(running), len(running) + len(costs)
+        made.other[:first], made.extra[:first] = -1, -1
+        made.value[first:last] -= start - made.time[first:last]
+        made.time[:last] = start
+        return replace(made, start=start, end=end)
+
+    def _by_core(self, wanted: np.ndarray) -> list[np.ndarray]:
+        """Positions of the events wanted, core by core; cores without any are left out."""
+        rows = np.flatnonzero(wanted)
+        if self.core is None:
+            return [rows] if len(rows) else []
+        return [rows[self.core[rows] == core] for core in np.unique(self.core[rows])]

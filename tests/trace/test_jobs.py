@@ -158,3 +158,14 @@ def test_slices_do_not_overlap_and_jobs_hold_what_the_slices_say(trace):
             assert ran.start[mine][0] == row.start >= row.release
     late = (table.completion < 0) | (table.completion > table.deadline)
     assert np.array_equal(table.missed, late & (table.deadline >= 0) & (table.deadline <= trace.end))
+
+
+@settings(max_examples=200, deadline=None)
+@given(schedules(), st.data())
+def test_a_window_from_the_beginning_judges_what_is_due_in_it(trace, data):
+    end = data.draw(st.integers(0, trace.end))
+    table, cut = jobs(trace), jobs(trace.window(0, end))
+    due = (table.deadline <= end) & ((table.completion < 0) | (table.completion > table.deadline)) & (table.release < end)
+    whole = set(zip(table.task[due].tolist(), table.job[due].tolist(), strict=True))
+    assert set(zip(cut.task[cut.missed].tolist(), cut.job[cut.missed].tolist(), strict=True)) == whole
+    assert jobs(trace.window(0, trace.end)).frame().equals(table.frame())

@@ -1,5 +1,6 @@
 """Spans and statistics: nesting, preemption, percentiles, periods, response times; the same for logs and simulations."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -218,8 +219,8 @@ def test_response_time_runs_from_nominal_release_to_completion():
         (13, "switch", "B", 1, 1),
         (14, "complete", "B", -1, 0),
         (14, "switch", "IDLE", 0, 1),
-        (15, "miss", "A", 15, 7),
         (20, "release", "A", 20, 2),
+        (20, "deadline", "A", 21, 2),
     ]
     frame = statistics(simulation(rows, end=22))
     a, b = frame.loc["A"], frame.loc["B"]
@@ -254,3 +255,38 @@ def test_an_empty_trace_has_no_rows():
     empty = Trace.from_rows([], ["A"], 1000, end=0)
     assert len(statistics(empty)) == 0 and len(spans(empty)) == 0
     assert describe(statistics(empty))
+
+
+# Several cores
+
+
+def two_cores():
+    """f runs on core 0 from 0 to 10, g on core 1 from 2 to 6, f again on core 1 from 7 to 9."""
+    rows = [(0, "begin", 0), (2, "begin", 1), (6, "end", 1), (7, "begin", 0), (9, "end", 0), (10, "end", 0)]
+    table = [(time, CODE[kind], name, -1, 0, 0) for time, kind, name in rows]
+    trace = Trace.from_rows(table, ["f", "g"], 1_000_000, end=10)
+    return replace(trace, core=np.array([0, 1, 1, 1, 1, 0]))
+
+
+def test_what_runs_at_once_on_two_cores_is_not_nested():
+    frame = spans(two_cores())
+    assert frame[["name", "core", "start", "end", "self", "depth"]].values.tolist() == [
+        ["f", 0, 0, 10, 10, 0],
+        ["g", 1, 2, 6, 4, 0],
+        ["f", 1, 7, 9, 2, 0],
+    ]
+
+
+def test_self_and_share_are_told_core_by_core():
+    frame = statistics(two_cores())
+    assert frame["self"].to_dict() == {("f", 0): 10, ("g", 1): 4, ("f", 1): 2}
+    assert frame["share"].to_dict() == pytest.approx({("f", 0): 1, ("g", 1): 0.4, ("f", 1): 0.2})
+    assert frame.loc["f", "count"].to_dict() == {0: 1, 1: 1}
+    assert "g" in describe(frame)
+
+
+def test_a_window_of_two_cores_keeps_who_runs_on_each():
+    rows = [(0, CODE["switch"], 0, -1, 1, -1), (1, CODE["switch"], 1, -1, 1, -1), (8, CODE["switch"], 1, 0, 1, 0)]
+    trace = replace(Trace.from_rows(rows, ["f", "g"], 1_000_000, end=10), core=np.array([0, 1, 0]))
+    frame = spans(trace.window(5, 9))
+    assert frame[["name", "core", "start", "end"]].values.tolist() == [["f", 0, 5, 8], ["g", 1, 5, 9], ["g", 0, 8, 9]]
