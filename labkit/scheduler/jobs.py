@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from labkit.scheduler.checks import whole
 from labkit.scheduler.tasksets import PeriodicTask, TaskPair, check_names
 from labkit.trace.kinds import CODE, STATES
 from labkit.trace.trace import Trace
@@ -19,6 +20,9 @@ MAX_JOBS = 5_000_000
 
 #: Longest time: 13 days in nanoseconds, far from where sums leave 64 bits.
 LONGEST = 1 << 50
+
+#: Task name -> execution times of its jobs 0, 1, ...; the last one repeats.
+Times = Mapping[str, Sequence[int] | np.ndarray]
 
 MP, BEYOND, EXCEPTION = 0, 1, 2  # the part a slice belongs to: main, main beyond its expected time, exception
 
@@ -48,24 +52,22 @@ class Releases:
         return np.argsort(self.release, kind="stable")
 
 
-def release_jobs(tasks: Iterable[PeriodicTask | TaskPair], until: int, times: Mapping[str, Sequence[int]]) -> Releases:
+def release_jobs(tasks: Iterable[PeriodicTask | TaskPair], until: int, times: Times) -> Releases:
     """The jobs released before `until`, task by task.
 
     Args:
-        times: task name -> execution times of its jobs 0, 1, ...; the last one repeats. A task that is not there always takes its
-            `wcet` (a pair: its `ecet`).
+        times: as `Times`; a task that is not there always takes its `wcet` (a pair: its `ecet`).
+
     Raises:
         ValueError: two tasks share a name; `until` or an execution time is below 1; more than `MAX_JOBS` jobs.
     """
     tasks = check_names(tasks)
-    if until < 1:
-        raise ValueError(f"a schedule until {until}; it must be at least 1")
-    stranger = next((name for name in times if all(name != task.name for task in tasks)), None)
+    until = whole(until, 1, "the end of the schedule")
+    names = {task.name: None for task in tasks}
+    stranger = next((name for name in times if name not in names), None)
     if stranger is not None:
-        raise ValueError(
-            f"execution times for {stranger!r}, which is no task; there are {', '.join(task.name for task in tasks)}"
-        )
-    clash = next((task.name for task in tasks if any(other.name == task.name + EP for other in tasks)), None)
+        raise ValueError(f"execution times for {stranger!r}, which is no task; there are {', '.join(names)}")
+    clash = next((name for name in names if name + EP in names), None)
     if clash is not None:
         raise ValueError(f"a task is called {clash + EP!r}, the name of the exception part of {clash!r}; rename it")
     longest = max(until, *(max(task.period, task.deadline, task.offset) for task in tasks))
@@ -82,7 +84,7 @@ def release_jobs(tasks: Iterable[PeriodicTask | TaskPair], until: int, times: Ma
     return Releases(task, number, release, release + deadlines[task], time)
 
 
-def _times(task: PeriodicTask | TaskPair, times: Sequence[int] | None, count: int) -> np.ndarray:
+def _times(task: PeriodicTask | TaskPair, times: Sequence[int] | np.ndarray | None, count: int) -> np.ndarray:
     if times is None:
         times = [task.ecet if isinstance(task, TaskPair) else task.wcet]
     given = np.asarray(times)

@@ -17,14 +17,14 @@ release to release it runs the top of the heap. All else is done on whole column
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
 from labkit.scheduler.dispatch import dispatch
-from labkit.scheduler.jobs import MP, Outcome, Releases, release_jobs, trace_of
+from labkit.scheduler.jobs import MP, Outcome, Releases, Times, release_jobs, trace_of
 from labkit.scheduler.taft import schedule_pairs
-from labkit.scheduler.tasksets import PeriodicTask, TaskPair, check_names
+from labkit.scheduler.tasksets import Kind, PeriodicTask, TaskPair, check_names
 from labkit.trace.trace import Trace
 
 #: The policies, by the name `simulate` and the command line know them.
@@ -32,11 +32,7 @@ POLICIES = ("rm", "dm", "edf", "taft")
 
 
 def simulate(
-    tasks: Iterable[PeriodicTask] | Iterable[TaskPair],
-    policy: str,
-    until: int,
-    times: Mapping[str, Sequence[int]] | None = None,
-    hz: int = 1000,
+    tasks: Iterable[PeriodicTask | TaskPair], policy: str, until: int, times: Times | None = None, hz: int = 1000
 ) -> Trace:
     """The schedule of a task set from 0 to `until`, as a trace.
 
@@ -44,8 +40,7 @@ def simulate(
         tasks: `PeriodicTask`s for rm, dm and edf, `TaskPair`s for taft. Release jitter is not simulated.
         policy: one of `POLICIES`.
         until: length of the schedule in time units.
-        times: task name -> execution times of its jobs 0, 1, ... (the last repeats); a task that is missing always takes its
-            `wcet`, a pair its `ecet`.
+        times: as `Times`; a task that is missing always takes its `wcet`, a pair its `ecet`.
         hz: time units per second; 1000 makes the unit a millisecond.
 
     Returns:
@@ -56,24 +51,32 @@ def simulate(
     Raises:
         ValueError: unknown policy, wrong kind of task, or what `release_jobs` refuses.
     """
-    tasks = check_names(tasks)
+    given = check_names(tasks)
     if policy not in POLICIES:
         raise ValueError(f"policy {policy!r}; there are {', '.join(POLICIES)}")
-    wanted = TaskPair if policy == "taft" else PeriodicTask
-    wrong = next((task for task in tasks if not isinstance(task, wanted)), None)
-    if wrong is not None:
-        raise ValueError(f"task {wrong.name!r} is a {type(wrong).__name__}; policy {policy} schedules {wanted.__name__}s")
-    shaky = next((task for task in tasks if getattr(task, "jitter", 0)), None)
+    if policy == "taft":
+        pairs = _all_of(TaskPair, given, policy)
+        return schedule_pairs(pairs, release_jobs(pairs, until, times or {}), until, hz)
+    plain = _all_of(PeriodicTask, given, policy)
+    shaky = next((task for task in plain if task.jitter), None)
     if shaky is not None:
         raise ValueError(f"task {shaky.name!r} has a release jitter of {shaky.jitter}; the simulation releases without jitter")
-    jobs = release_jobs(tasks, until, times or {})
-    if policy == "taft":
-        return schedule_pairs(tasks, jobs, until, hz)
-    place = priority_places(tasks, policy)
+    jobs = release_jobs(plain, until, times or {})
+    place = priority_places(plain, policy)
     jobs = jobs.ordered(np.lexsort((jobs.number, jobs.task, jobs.deadline if policy == "edf" else place[jobs.task])))
     outcome = _run(jobs, until)
-    value = np.zeros(len(outcome.job), np.int64) if policy == "edf" else len(tasks) - 1 - place[jobs.task[outcome.job]]
-    return trace_of(jobs, outcome, [task.name for task in tasks], value, until, hz)
+    value = np.zeros(len(outcome.job), np.int64) if policy == "edf" else len(plain) - 1 - place[jobs.task[outcome.job]]
+    return trace_of(jobs, outcome, [task.name for task in plain], value, until, hz)
+
+
+def _all_of(wanted: type[Kind], tasks: Iterable[PeriodicTask | TaskPair], policy: str) -> list[Kind]:
+    """The tasks, if all are of the kind that the policy schedules."""
+    found = []
+    for task in tasks:
+        if not isinstance(task, wanted):
+            raise ValueError(f"task {task.name!r} is a {type(task).__name__}; policy {policy} schedules {wanted.__name__}s")
+        found.append(task)
+    return found
 
 
 def priority_places(tasks: Sequence[PeriodicTask], policy: str) -> np.ndarray:
