@@ -6,25 +6,24 @@ Rule numbers are those of tests/oracle/freertos/README.md.
 from __future__ import annotations
 
 from collections.abc import Callable
-from heapq import heappop, heappush
+from heapq import heapify, heappop, heappush
 from typing import TYPE_CHECKING, Any
 
 from labkit.kernel.costs import Costs
 from labkit.kernel.journal import PAGE, Journal
-from labkit.kernel.objects import BLOCKED, DELETED, FOREVER, READY, SUSPENDED, ReadyLists, Task, enqueue
-from labkit.kernel.services import end_task, release
+from labkit.kernel.objects import BLOCKED, DELETED, FOREVER, READY, SUSPENDED, Mutex, Queue, ReadyLists, Semaphore, Task, enqueue
+from labkit.kernel.services import PRICED, Service, end_task, release
 from labkit.trace.kinds import CODE, OVERHEADS
 
 if TYPE_CHECKING:
     from labkit.kernel.interrupts import Interrupt
-    from labkit.kernel.objects import Mutex, Queue, Semaphore
 
-    Handler = Callable[[Interrupt], Any]
+Handler = Callable[["Interrupt"], Any]
 
 SWITCH, READIED, OVERHEAD = CODE["switch"], CODE["ready"], CODE["overhead"]
 TICK_COST, SWITCH_COST, SERVICE_COST, ISR_COST = range(len(OVERHEADS))
 
-#: Requests or interrupts in a row, without time passing, after which a program is taken to be caught in a loop.
+#: Requests and interrupts in a row, without time passing, after which a program is taken to be caught in a loop.
 ZERO_TIME_LIMIT = 100_000
 
 END = (end_task, ())  # what a body asks for by returning
@@ -35,29 +34,34 @@ class Core:
 
     Attributes:
         now: CPU cycles since the start. `tick`: cycles per tick. `ticks`: tick interrupts handled.
-        running: the task that has the CPU; it stays among the ready ones.
+        until: where the simulation is to stop. What takes time is not cut there, so `now` may get past it.
+        running: the task that has the CPU; it stays among the ready ones. Known from the start on, like `isr`.
         ready: the ready lists.
         delayed: heap of (wake tick, alarm, task); an entry counts only as long as it is the task's alarm.
         devices: heap of (cycle, order, handler, period or None), the interrupts to come.
+        handling: the interrupt handler that is being called.
         switch_wanted: an interrupt has readied a task above the running one.
         textbook: mutexes follow the textbook's protocols.
-        log: takes a row (time, kind, task, other, value, extra) of the trace.
+        prices: cycles of the services that cost something.
+        log: takes rows (time, kind, task, other, value, extra) of the trace, one or several in a row.
     """
 
     __slots__ = (
+        "_room",
         "_sequence",
         "codes",
         "costs",
         "delayed",
         "devices",
         "every_tick",
+        "handling",
         "isr",
         "journal",
         "log",
         "now",
+        "prices",
         "ready",
         "running",
-        "service_costs",
         "switch_wanted",
         "textbook",
         "tick",
@@ -65,23 +69,25 @@ class Core:
         "time_slicing",
         "until",
     )
+    running: Task
+    isr: Interrupt
 
     def __init__(self, tick: int, priorities: int, costs: Costs, time_slicing: bool):
         self.now, self.tick, self.ticks, self.until = 0, tick, 0, 0
-        self.running: Task | None = None
         self.ready = ReadyLists(priorities)
         self.delayed: list[tuple[int, int, Task]] = []
         self.devices: list[tuple[int, int, Handler, int | None]] = []
+        self.handling: Handler | None = None
         self.switch_wanted = self.textbook = False
         self.time_slicing = time_slicing
         self.every_tick = costs.tick > 0  # else only those at which something can happen
         self.costs = costs
-        self.service_costs = {name: cycles for name, cycles in costs.by_service.items() if cycles}
+        self.prices: dict[Service, int] = {PRICED[name]: cycles for name, cycles in costs.by_service.items() if cycles}
         self.journal = Journal()
         self.log = self.journal.log
         self.codes: dict[str, int] = {}
-        self.isr: Interrupt | None = None
         self._sequence = 0
+        self._room = 64  # entries in `delayed` after which the dead ones are thrown out
 
     def code_of(self, name: str) -> int:
         """The code of a name in the trace; a new one if there is none yet."""
@@ -93,43 +99,59 @@ class Core:
         self.log((0, SWITCH, first.code, -1, first.priority, -1))
 
     def simulate(self, until: int) -> None:
-        """First what takes no time, request by request; then time passes, to the end of a computation or the next interrupt."""
-        tick, devices, costs = self.tick, self.devices, self.service_costs
+        """All that happens before cycle `until`; what is due at it is left for the next call.
+
+        Again and again: what takes no time, request by request; then time passes, to the end of a computation or the next
+        interrupt. However a simulation is cut into calls, the same things happen: each step depends on the state alone.
+        """
+        tick, time_slicing, rings, prices = self.tick, self.time_slicing, self.ready.rings, self.prices
+        rows, delayed, devices = self.journal.rows, self.delayed, self.devices
         self.until = until
-        self._handle_interrupts(self._tick_due())  # those due at the very end of the run before
+        if self.now < until:
+            self._handle_interrupts(self._tick_due())  # those at the very end of the call before
+        instant, steps = -1, 0
         while (now := self.now) < until:
-            for _ in range(ZERO_TIME_LIMIT):
-                task = self.running
-                if task.remaining:
-                    break
+            if now != instant:
+                instant, steps = now, 0
+            steps += 1  # an interrupt and a task may keep each other going
+            while not (task := self.running).remaining:
+                steps += 1
                 if task.pending is not None:
                     (service, arguments), task.pending = task.pending, None
                     service(self, task, *arguments)
                 else:
                     try:
-                        request = task.body.send(task.result)
+                        request = task.send(task.result)
                     except StopIteration:
                         request = END
                     if type(request) is int and request >= 0:
-                        task.remaining, task.computed, task.result = request, True, None
+                        task.remaining, task.computed, task.result = request, now, None
                     elif type(request) is tuple:
                         service, arguments = request
-                        if costs:
-                            self._spend(costs.get(service.__name__, 0), SERVICE_COST)
+                        if prices:
+                            self.spend(prices.get(service, 0), SERVICE_COST)
                         service(self, task, *arguments)
                     else:
                         raise ValueError(f"task {task.name!r} yielded {request!r}; requests and cycles from 0 on are allowed")
                 if self.now != now:
                     break
-            else:
-                raise ValueError(
-                    f"task {task.name!r} is caught in a loop that takes no time: {ZERO_TIME_LIMIT} requests at cycle {now} "
-                    "without computing or blocking"
-                )
-            now, task = self.now, self.running
-            tick_due = self._tick_due()
-            due = devices[0][0] if devices and devices[0][0] < tick_due else tick_due
+                if steps > ZERO_TIME_LIMIT:
+                    raise ValueError(
+                        f"task {task.name!r} is caught in a loop that takes no time: {ZERO_TIME_LIMIT} requests at cycle {now} "
+                        "without computing or blocking"
+                    )
+            if len(rows) > PAGE:
+                self.journal.pack()
+            if (now := self.now) >= until:
+                break
+            task = self.running
             end = now + task.remaining
+            if self.every_tick or (time_slicing and len(rings[task.priority]) > 2):  # as in _tick_due
+                due = tick_due = (self.ticks + 1) * tick
+            else:
+                due = tick_due = delayed[0][0] * tick if delayed else FOREVER
+            if devices and devices[0][0] < due:
+                due = devices[0][0]
             if end < due and end < until:
                 task.remaining = 0
                 self.now = end
@@ -143,6 +165,16 @@ class Core:
                 task.remaining = end - until
                 self.now = until
 
+    def peek(self) -> int:
+        """Cycle of the next thing that happens, if nothing is added from outside; FOREVER if nothing ever does."""
+        delayed = self.delayed
+        while delayed and delayed[0][2].alarm != delayed[0][1]:
+            heappop(delayed)
+        if self.switch_wanted:
+            return self.now
+        due = min(self._tick_due(), self.devices[0][0] if self.devices else FOREVER)
+        return min(max(due, self.now), self.now + self.running.remaining, FOREVER)
+
     # Interrupts
 
     def _tick_due(self) -> int:
@@ -152,30 +184,37 @@ class Core:
         return self.delayed[0][0] * self.tick if self.delayed else FOREVER
 
     def _handle_interrupts(self, tick_due: int) -> None:
-        """All interrupts that are due, the tick before the devices, and then at most one switch (rule 5)."""
+        """All interrupts that are due, a tick before the devices, and then at most one switch (rule 5).
+
+        What becomes due meanwhile is among them, and what becomes due during the switch follows it. If the time to stop comes
+        first, the next call goes on.
+        """
+        at, count = self.now, 0
         while True:
-            before = self.now
-            if tick_due <= before:
+            if tick_due <= self.now:
                 self._tick(tick_due // self.tick)
             else:
-                self.ticks = before // self.tick
-            self._handle_devices()
-            if self.now == before:
-                break
-            tick_due = self._tick_due()  # handling them took time: more may be due by now
-            if self.now >= self.until or (tick_due > self.now and not (self.devices and self.devices[0][0] <= self.now)):
-                break
-        self.ticks = self.now // self.tick
-        if self.switch_wanted:
-            self.reschedule()
+                self.ticks = self.now // self.tick  # the ticks passed over meant nothing
+                if self.devices and self.devices[0][0] <= self.now:
+                    self._handle_device()
+                elif self.switch_wanted:
+                    self.reschedule()
+                else:
+                    return
+            if self.now >= self.until:
+                return
+            if self.now != at:
+                at, count = self.now, 0
+            count += 1
+            if count == ZERO_TIME_LIMIT:
+                raise ValueError(f"{count} device interrupts in a row up to cycle {at}; no task gets to run between them")
+            tick_due = self._tick_due()
 
     def _tick(self, ticks: int) -> None:
         """Wake the tasks that are due in the order of wake time, then of going to sleep; then test the slice (rules 3, 4)."""
         self.ticks = ticks
-        if len(self.journal.rows) > PAGE:
-            self.journal.pack()
         if self.every_tick:
-            self._spend(self.costs.tick, TICK_COST)
+            self.spend(self.costs.tick, TICK_COST)
         delayed = self.delayed
         while delayed and delayed[0][0] <= ticks:
             _, alarm, task = heappop(delayed)
@@ -187,25 +226,23 @@ class Core:
         if self.time_slicing and len(self.ready.rings[self.running.priority]) > 2:
             self.switch_wanted = True
 
-    def _handle_devices(self) -> None:
-        count = 0
-        while self.devices and self.devices[0][0] <= self.now < self.until:
-            at, _, handler, every = heappop(self.devices)
-            self._spend(self.costs.isr_entry, ISR_COST)
-            handler(self.isr)
-            self._spend(self.costs.isr_exit, ISR_COST)
-            if every is not None:
-                self.add_device(at + every, handler, every)
-            count += 1
-            if count == ZERO_TIME_LIMIT:
-                raise ValueError(f"{count} device interrupts in a row up to cycle {self.now}; no task gets to run between them")
+    def _handle_device(self) -> None:
+        at, _, handler, every = heappop(self.devices)
+        self.handling = handler
+        self.spend(self.costs.isr_entry, ISR_COST)
+        handler(self.isr)
+        self.spend(self.costs.isr_exit, ISR_COST)
+        self.handling = None
+        if every is not None:
+            self.add_device(at + every, handler, every)
 
     def add_device(self, at: int, handler: Handler, every: int | None) -> None:
         """A device interrupt to come; those of one instant keep the order in which they were added."""
         self._sequence += 1
         heappush(self.devices, (at, self._sequence, handler, every))
 
-    def _spend(self, cycles: int, cause: int) -> None:
+    def spend(self, cycles: int, cause: int) -> None:
+        """Time that the kernel takes for itself; `cause` is an index into OVERHEADS."""
         if cycles:
             self.log((self.now, OVERHEAD, self.running.code, -1, cycles, cause))
             self.now += cycles
@@ -218,7 +255,7 @@ class Core:
         task, before = self.ready.select(), self.running
         if task is not before:
             if self.costs.switch:
-                self._spend(self.costs.switch, SWITCH_COST)
+                self.spend(self.costs.switch, SWITCH_COST)
             self.log((self.now, SWITCH, task.code, before.code, task.priority, before.state))
             self.running = task
 
@@ -228,7 +265,7 @@ class Core:
             self.ready.remove(task)
         task.alarm = 0
         if task.waits_in is not None:
-            self._leave(task)
+            self._leave(task, task.waits_in)
         task.state = READY
         self.ready.insert(task)
         self.log((self.now, READIED, task.code, -1, task.priority, 0))
@@ -244,7 +281,8 @@ class Core:
         """Take the CPU from the running task until it is woken as a waiter of `target`, or until tick `until`."""
         task.waits_for, task.waits_in = target, waiters
         enqueue(waiters, task)
-        target.protocol.waits(self, task, target)
+        if isinstance(target, Mutex):
+            target.protocol.waits(self, task, target)
         self.sleep(task, until, pending)
 
     def sleep(self, task: Task, until: int, pending: Any = None) -> None:
@@ -255,7 +293,15 @@ class Core:
         if until < FOREVER:
             self._sequence = task.alarm = self._sequence + 1
             heappush(self.delayed, (until, task.alarm, task))
+            if len(self.delayed) > self._room:
+                self._forget_old_alarms()
         self.reschedule()
+
+    def _forget_old_alarms(self) -> None:
+        """Of tasks that were woken before their time-out; without this they would stay until then, however many."""
+        self.delayed[:] = [entry for entry in self.delayed if entry[2].alarm == entry[1]]
+        heapify(self.delayed)
+        self._room = 64 + 2 * len(self.delayed)
 
     def suspend(self, task: Task) -> None:
         """Rules 23 and 24. The service it waited in is tried again after the resume."""
@@ -265,15 +311,16 @@ class Core:
             self.ready.remove(task)
         task.alarm = 0
         if task.waits_in is not None:
-            self._leave(task)
+            self._leave(task, task.waits_in)
         task.awaits_notification = False
         task.state = SUSPENDED
 
-    def _leave(self, task: Task) -> None:
+    def _leave(self, task: Task, waiters: list[Task]) -> None:
         """Stop waiting for an object without having been woken by it."""
-        task.waits_in.remove(task)
+        waiters.remove(task)
         target, task.waits_for, task.waits_in = task.waits_for, None, None
-        target.protocol.left(self, task, target)
+        if isinstance(target, Mutex):
+            target.protocol.left(self, task, target)
 
     def change_priority(self, task: Task, priority: int) -> None:
         """A ready task changes lists, or its place in its list (rule 21); of any other only the number changes (rule 14)."""

@@ -5,24 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-#: The services that can cost something.
-SERVICES = (
-    "take",
-    "give",
-    "send",
-    "send_front",
-    "overwrite",
-    "receive",
-    "peek",
-    "notify_give",
-    "notify_take",
-    "delay",
-    "delay_until",
-    "yield_cpu",
-    "suspend",
-    "resume",
-    "set_priority",
-)
+from labkit.kernel.checks import whole
+from labkit.kernel.services import PRICED
 
 
 @dataclass(frozen=True)
@@ -32,8 +16,8 @@ class Costs:
     Attributes:
         tick: each tick interrupt. If it is not 0 every tick is simulated, else only those at which something can happen.
         switch: each switch to another task, before that task goes on.
-        service: each call of a service, before its effect; one number for all of them or a mapping from their names
-            (take, give, send, receive, notify_give, delay_until, ...), those left out being free.
+        service: each call of a service, before its effect, by a task or in an interrupt; one number for all of them or a
+            mapping from their names (take, give, send, receive, notify_give, delay_until, ...), those left out being free.
         isr_entry, isr_exit: each device interrupt, before and after what it does.
     """
 
@@ -46,12 +30,11 @@ class Costs:
     def __post_init__(self) -> None:
         own = {"tick": self.tick, "switch": self.switch, "isr_entry": self.isr_entry, "isr_exit": self.isr_exit}
         for name, cycles in {**own, **self.by_service}.items():
-            if name not in own and name not in SERVICES:
-                raise ValueError(f"no service {name!r} to cost anything; there are {', '.join(SERVICES)}")
-            if not isinstance(cycles, int) or cycles < 0:
-                raise ValueError(f"the cost of {name} is {cycles!r}; a whole number of cycles of at least 0 is allowed")
+            if name not in own and name not in PRICED:
+                raise ValueError(f"no service {name!r} to cost anything; there are {', '.join(PRICED)}")
+            whole(cycles, 0, f"the cost of {name} is", " cycles")
 
     @property
     def by_service(self) -> dict[str, int]:
         """Cycles of each service."""
-        return dict(self.service) if isinstance(self.service, Mapping) else dict.fromkeys(SERVICES, self.service)
+        return dict(self.service) if isinstance(self.service, Mapping) else dict.fromkeys(PRICED, self.service)

@@ -5,17 +5,18 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from labkit.kernel.objects import Mutex, Queue, Semaphore, Task
-from labkit.kernel.services import GIVE, GIVE_FAIL, SEND, SEND_FAIL, notify, resumed, stamp
-from labkit.trace.kinds import CODE, ISR_OPS
+from labkit.kernel.services import PRICED, SEND, SEND_FAIL, give_semaphore, notify, resumed, stamp
+from labkit.trace.kinds import CODE, ISR_OPS, OVERHEADS
 
 if TYPE_CHECKING:
     from labkit.kernel.core import Core
 
-ISR = CODE["isr"]
+ISR, SERVICE_COST = CODE["isr"], OVERHEADS.index("service")
 
 
 class Interrupt:
     """Given to a handler: `kernel.interrupt(at, lambda isr: isr.send(queue, 7))`. Calls act at once; nothing is yielded.
+    They cost what the services of the same names cost.
 
     A task that becomes ready above the interrupted one runs after all interrupts of that instant (rule 5).
     """
@@ -39,11 +40,9 @@ class Interrupt:
         if not isinstance(semaphore, Semaphore):
             raise ValueError(f"an interrupt gives {semaphore!r}; only a semaphore can be given from an interrupt")
         k = self._enter("give", semaphore, 0)
-        full = semaphore.count == semaphore.length
-        k.log((k.now, GIVE_FAIL if full else GIVE, self.code, semaphore.code, semaphore.count, 0))
-        if not full:
-            k.switch_wanted |= semaphore.protocol.give(k, None, semaphore)
-        return not full
+        given, switch = give_semaphore(k, self.code, semaphore)
+        k.switch_wanted |= switch
+        return given
 
     def send(self, queue: Queue, item: Any) -> bool:
         """Append an item to a queue; False if it is full (rule 27)."""
@@ -64,5 +63,6 @@ class Interrupt:
 
     def _enter(self, op: str, target: Task | Semaphore | Mutex | Queue, value: int) -> Core:
         k = self._core
+        k.spend(k.prices.get(PRICED[op], 0), SERVICE_COST)
         k.log((k.now, ISR, k.running.code, target.code, value, ISR_OPS.index(op)))
         return k

@@ -13,6 +13,14 @@ The semantics are the real kernel's, recorded in tests/oracle/freertos, whose RE
     k.task("low", low, priority=1)
     run = k.run(until=20 * k.ms)
 
+A plant, a radio or a DMA that lives outside goes along step by step: it stops the kernel where it likes, looks, and adds
+interrupts. However a simulation is cut into steps, the trace is the same; a step costs what happens in it.
+
+    while k.now < end:
+        k.advance(min(k.peek(), plant.next_event(), end))
+        if k.now == plant.next_event():
+            k.interrupt(k.now, plant.sample())
+
 Left out: interrupts inside a service or a tick (they wait until it is over), tick overflow, tasks of the idle task's priority,
 event groups, stream buffers, software timers, queue sets, several cores. Caches and bus contention are not modelled: a cycle of
 `compute` is a cycle.
@@ -23,23 +31,29 @@ from __future__ import annotations
 from collections.abc import Callable, Generator, Iterable
 from typing import Any
 
+from labkit.kernel.checks import whole
 from labkit.kernel.core import Core
 from labkit.kernel.costs import Costs
 from labkit.kernel.interrupts import Interrupt
 from labkit.kernel.objects import FOREVER, Mutex, Queue, Semaphore, Task
-from labkit.kernel.protocols import PROTOCOLS, UNOWNED
+from labkit.kernel.protocols import PROTOCOLS
 from labkit.kernel.requests import Services
-from labkit.kernel.run import Run, TaskInfo, find_deadlock
+from labkit.kernel.run import Run, TaskInfo, Wait, find_deadlock
+from labkit.trace import Trace
 from labkit.trace.kinds import CODE
 
 CREATE, READIED = CODE["create"], CODE["ready"]
 IDLE, ISR = "IDLE", "ISR"
 
+#: With this, the cycle of the last tick that FreeRTOS can count fits a trace.
+MOST_CYCLES_PER_TICK = 1 << 30
+
+FREE = Costs()
 Body = Callable[[Services], Generator[Any, Any, None]]
 
 
 class Kernel:
-    """One core under FreeRTOS. Create objects and tasks, then `run`.
+    """One core under FreeRTOS. Create objects and tasks, then `run`, or `advance` step by step.
 
     Args:
         cpu_hz: CPU cycles per second. All times are counted in them unless a name says ticks.
@@ -55,30 +69,27 @@ class Kernel:
     """
 
     def __init__(
-        self,
-        cpu_hz: int = 216_000_000,
-        tick_hz: int = 1000,
-        priorities: int = 8,
-        costs: Costs = Costs(),
-        time_slicing: bool = True,
+        self, cpu_hz: int = 216_000_000, tick_hz: int = 1000, priorities: int = 8, costs: Costs = FREE, time_slicing: bool = True
     ):
-        if cpu_hz < 1 or tick_hz < 1 or cpu_hz % tick_hz:
+        cpu_hz, tick_hz = whole(cpu_hz, 1, "a CPU at", " Hz"), whole(tick_hz, 1, "ticks at", " Hz")
+        if cpu_hz % tick_hz:
             raise ValueError(f"a tick at {tick_hz} Hz is no whole number of cycles at {cpu_hz} Hz; tick_hz must divide cpu_hz")
-        if not 2 <= priorities <= 64:
-            raise ValueError(f"{priorities} priorities; 2 to 64 are allowed")
-        self.tick = cpu_hz // tick_hz
+        self.tick = whole(cpu_hz // tick_hz, 1, "a tick of", " cycles", MOST_CYCLES_PER_TICK)
+        priorities = whole(priorities, 2, "priorities:", most=64)
         if costs.tick + costs.switch + costs.isr_entry + costs.isr_exit >= self.tick:
             raise ValueError(f"tick, switch and interrupt cost the {self.tick} cycles of a tick and more; no task would run")
         self.cpu_hz, self.priorities = cpu_hz, priorities
         self.tasks: list[Task] = []
         self._mutexes: list[Mutex] = []
         self._core = Core(self.tick, priorities, costs, time_slicing)
+        self._started = self._busy = False
+        self._end = 0  # up to where it has been simulated
         self.os = Services(self, self._core)
 
     @property
     def now(self) -> int:
-        """CPU cycles since the start."""
-        return self._core.now
+        """CPU cycles since the start: inside bodies and handlers those of the processor, outside where the simulation stopped."""
+        return self._core.now if self._busy else self._end
 
     @property
     def ms(self) -> int:
@@ -130,32 +141,33 @@ class Kernel:
 
     def counting(self, name: str, length: int, init: int = 0) -> Semaphore:
         """A counting semaphore with at most `length` counts, `init` of them at the start."""
-        if length < 1 or not 0 <= init <= length:
-            raise ValueError(f"semaphore {name!r} starts with {init} of {length}; 0 to a length of at least 1 are allowed")
-        return Semaphore(name, self._new(name), init, length, UNOWNED)
+        length = whole(length, 1, f"semaphore {name!r} has room for", " counts")
+        init = whole(init, 0, f"semaphore {name!r} starts with", f" of {length}", length)
+        return Semaphore(name, self._new(name), init, length)
 
     def queue(self, name: str, length: int) -> Queue:
         """An empty queue with room for `length` items."""
-        if length < 1:
-            raise ValueError(f"queue {name!r} has room for {length} items; at least 1 is allowed")
-        return Queue(name, self._new(name), length, UNOWNED)
+        length = whole(length, 1, f"queue {name!r} has room for", " items")
+        return Queue(name, self._new(name), length)
 
     def task(self, name: str, body: Body, priority: int, deadline: int | None = None, stack_free: int | None = None) -> Task:
         """A task, ready at time 0. `body(os)` is a generator of requests; when it returns, the task ends.
 
-        `deadline`, in cycles after each release, and `stack_free`, in words, are passed on to the trace and the task list.
+        `deadline`, in cycles after each release, is noted in the trace at every release; `stack_free`, in words, is passed on to
+        the task list. A body that begins with its work is known to have jobs only at its first delay_until; to have the first
+        one and its deadline in the trace even if it never ends, begin with `yield os.release()`.
         """
-        if self._core.running is not None:
+        if self._started:
             raise ValueError(f"task {name!r} is created after the start; create all tasks before the first run")
-        if deadline is not None and deadline < 1:
-            raise ValueError(f"task {name!r} has a deadline of {deadline} cycles after its release; at least 1 is allowed")
+        if deadline is not None:
+            deadline = whole(deadline, 1, f"task {name!r} has a deadline of", " cycles after its release")
         self._checked_priority(priority, f"task {name!r}")
         code = self._new(name)
         generator = body(self.os)
         if not isinstance(generator, Generator):
             raise ValueError(f"the body of task {name!r} is no generator function; it must yield its requests")
         task = self._create(name, code, priority, deadline, stack_free)
-        task.body = generator
+        task.send = generator.send
         return task
 
     def _create(self, name: str, code: int, priority: int, deadline: int | None = None, stack_free: int | None = None) -> Task:
@@ -170,16 +182,14 @@ class Kernel:
         """A device interrupt at cycle `at`, repeated `every` so many cycles. `handler` is called with an `Interrupt`.
 
         Interrupts of one instant come in the order in which they were asked for, after the tick, before the one switch. Task
-        bodies and handlers may ask for more, such as the end of a transfer they start.
+        bodies and handlers may ask for more, such as the end of a transfer they start. An exception in a handler ends the run.
         """
-        if at < self.now or (every is not None and every < 1):
-            raise ValueError(f"an interrupt at cycle {at}, every {every}; cycles from {self.now}, periods from 1 are allowed")
+        at = whole(at, self.now, "an interrupt at cycle")
+        every = every if every is None else whole(every, 1, f"an interrupt at cycle {at}, every", " cycles")
         self._core.add_device(at, handler, every)
 
     def _checked_priority(self, priority: int, whose: str) -> int:
-        if not isinstance(priority, int) or not 1 <= priority < self.priorities:
-            raise ValueError(f"{whose}: priority {priority!r}; 1 to {self.priorities - 1} are allowed, 0 is the idle task's")
-        return priority
+        return whole(priority, 1, f"{whose}: priority", most=self.priorities - 1)
 
     def _new(self, name: str) -> int:
         if not isinstance(name, str) or not name or name in self._core.codes or name in (IDLE, ISR):
@@ -189,22 +199,52 @@ class Kernel:
     def run(self, until: int) -> Run:
         """Simulate up to cycle `until` (nothing at or after it is recorded); a later call goes on from there.
 
+        Errors: as from `advance`.
+        """
+        self.advance(whole(until, 1, "run until cycle"))
+        infos = tuple(TaskInfo(task.name, task.number, task.created, task.deadline, task.stack_free) for task in self.tasks)
+        return Run(self.trace, infos, self.tick, self.deadlock)
+
+    def advance(self, until: int) -> None:
+        """Simulate up to cycle `until`, without it: what is due there, happens in the next call, after any interrupt added now.
+
         Errors: ValueError for a program that breaks a rule of the kernel or makes requests for ever without using time; it and
-        exceptions from task bodies carry a note saying which task ran and when.
+        exceptions from bodies and handlers carry a note saying where and when. After them the kernel cannot go on.
         """
         core = self._core
-        if until <= core.now:
-            raise ValueError(f"run until cycle {until}; it must be after {core.now}")
-        if core.running is None:
+        if self._busy:
+            raise ValueError(f"the kernel cannot go on from cycle {core.now}: it is inside a task or handler, or one has failed")
+        until = whole(until, self._end, "advance until cycle")
+        if not self._started:
             self._start()
+        self._busy = True
         try:
             core.simulate(until)
         except Exception as error:
-            error.add_note(f"in task {core.running.name!r} at cycle {core.now}")
+            where = f"in task {core.running.name!r}"
+            if core.handling is not None:
+                where = f"in interrupt handler {getattr(core.handling, '__qualname__', core.handling)}, {where} interrupted,"
+            error.add_note(f"{where} at cycle {core.now}")
             raise
-        infos = tuple(TaskInfo(task.name, task.number, task.created, task.deadline, task.stack_free) for task in self.tasks)
-        trace = core.journal.trace(core.codes, self.cpu_hz, until)
-        return Run(trace, infos, self.tick, find_deadlock(self.tasks[:-1], bool(core.devices)))
+        self._end, self._busy = until, False
+
+    def peek(self) -> int:
+        """The cycle at which the next thing happens unless an interrupt is added, `now` or later; FOREVER if nothing ever does.
+
+        It may be no more than a tick or the end of a computation. What the kernel takes for itself is not cut: with costs, rows
+        of a service, a tick or an interrupt that is under way now may still come before it; nothing can change them any more.
+        """
+        return max(self._core.peek(), self._end) if self._started else 0
+
+    @property
+    def trace(self) -> Trace:
+        """All that has happened up to `now`. Made when it is read; then only what is new since the last time takes time."""
+        return self._core.journal.trace(self._core.codes, self.cpu_hz, self.now)
+
+    @property
+    def deadlock(self) -> tuple[Wait, ...]:
+        """Who waits for ever at this time, see `Run.deadlock`."""
+        return find_deadlock([task for task in self.tasks if task.name != IDLE], bool(self._core.devices))
 
     def _start(self) -> None:
         base = {task.name: task.base for task in self.tasks}
@@ -216,3 +256,4 @@ class Kernel:
         self._create(IDLE, self._core.code_of(IDLE), 0).remaining = FOREVER
         last_of_highest = max(reversed(self.tasks), key=lambda task: task.priority)  # rule 2
         self._core.start(last_of_highest, Interrupt(self._core, self._core.code_of(ISR)))
+        self._started = True

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Generator
-from typing import Any
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, ClassVar, NoReturn
+
+if TYPE_CHECKING:
+    from labkit.kernel.protocols import Protocol
 
 FOREVER = 1 << 62  #: a time, in ticks or cycles, that never comes
 
@@ -18,9 +21,12 @@ class Task:
         base, priority: the priority it was given and the one it has now, perhaps inherited.
         key: its place among waiters; set together with the priority, but not always the same (rule 22).
         remaining: CPU cycles it still needs before its body goes on.
-        body: the generator; `result` is what its last request returned.
+        send: takes the result of the last request into the body and returns its next one; `result` is that result.
         pending: a service that could not finish and is tried again when the task runs, as (service, arguments).
         alarm: identifies its entry among the delayed tasks; 0: none.
+        last_wake: in ticks, the previous wake time of delay_until. `computed`: when it last asked for CPU time; -1: never.
+        job: number of the job released last; `due`: its absolute deadline; -1: none.
+        released, next_release: nominal release of the open job, and of the one slept for, in cycles; -1: none.
         waits_for, waits_in: the object it is blocked on, and the list of waiters it stands in.
         held: the mutexes it has taken, oldest first (not those of protocol "none").
     """
@@ -29,11 +35,11 @@ class Task:
         "alarm",
         "awaits_notification",
         "base",
-        "body",
         "code",
         "computed",
         "created",
         "deadline",
+        "due",
         "held",
         "inherited",
         "job",
@@ -48,6 +54,7 @@ class Task:
         "released",
         "remaining",
         "result",
+        "send",
         "stack_free",
         "state",
         "waits_for",
@@ -60,7 +67,7 @@ class Task:
         self.created = self.base = self.priority = self.key = priority
         self.state = READY
         self.remaining = 0
-        self.body: Generator[Any, Any, None] | None = None
+        self.send: Callable[[Any], Any] = _no_body
         self.result: Any = None
         self.pending: tuple[Callable[..., None], tuple] | None = None
         self.alarm = 0
@@ -70,23 +77,25 @@ class Task:
         self.inherited = False  # rule 18: whether its last block found a holder of lower base priority
         self.notified = 0
         self.awaits_notification = False
-        self.last_wake = 0  # ticks, the variable of delay_until
-        self.computed = False
-        self.job = -1
-        self.released = self.next_release = -1  # nominal release of the open job, and of the one slept for, in cycles; -1: none
+        self.last_wake = 0
+        self.computed = self.job = self.due = self.released = self.next_release = -1
 
     def __repr__(self) -> str:
         return f"<task {self.name!r}>"
 
 
+def _no_body(result: Any) -> NoReturn:
+    raise StopIteration
+
+
 class Semaphore:
     """A binary or counting semaphore: a count up to `length`, and who waits for it."""
 
-    __slots__ = ("code", "count", "length", "name", "protocol", "waiters")
-    kind, recursive, holder = "semaphore", False, None
+    __slots__ = ("code", "count", "length", "name", "waiters")
+    kind: ClassVar[str] = "semaphore"
 
-    def __init__(self, name: str, code: int, count: int, length: int, protocol: Any):
-        self.name, self.code, self.count, self.length, self.protocol = name, code, count, length, protocol
+    def __init__(self, name: str, code: int, count: int, length: int):
+        self.name, self.code, self.count, self.length = name, code, count, length
         self.waiters: list[Task] = []
 
     def __repr__(self) -> str:
@@ -97,9 +106,9 @@ class Mutex:
     """A lock with an owner. `depth` counts the nested takes of a recursive one; `users` name the tasks its ceiling covers."""
 
     __slots__ = ("ceiling", "code", "count", "depth", "holder", "length", "name", "protocol", "recursive", "users", "waiters")
-    kind = "mutex"
+    kind: ClassVar[str] = "mutex"
 
-    def __init__(self, name: str, code: int, protocol: Any, recursive: bool, ceiling: int, users: tuple[str, ...]):
+    def __init__(self, name: str, code: int, protocol: Protocol, recursive: bool, ceiling: int, users: tuple[str, ...]):
         self.name, self.code, self.protocol, self.recursive = name, code, protocol, recursive
         self.ceiling, self.users = ceiling, users
         self.count = self.length = 1
@@ -114,11 +123,11 @@ class Mutex:
 class Queue:
     """A queue of at most `length` items, and who waits for room in it or for an item."""
 
-    __slots__ = ("code", "items", "length", "name", "protocol", "receivers", "senders")
-    kind = "queue"
+    __slots__ = ("code", "items", "length", "name", "receivers", "senders")
+    kind: ClassVar[str] = "queue"
 
-    def __init__(self, name: str, code: int, length: int, protocol: Any):
-        self.name, self.code, self.length, self.protocol = name, code, length, protocol
+    def __init__(self, name: str, code: int, length: int):
+        self.name, self.code, self.length = name, code, length
         self.items: deque[Any] = deque()
         self.senders: list[Task] = []
         self.receivers: list[Task] = []
@@ -127,18 +136,22 @@ class Queue:
         return f"<{self.kind} {self.name!r}>"
 
 
+#: The sentinel that each circular list of ready tasks contains.
+SENTINEL = Task("", -1, 0, 0, None, None)
+
+
 class ReadyLists:
     """The ready tasks, one circular list per priority (rule 1).
 
-    A circular list is held as a Python list that starts behind the index and ends with the node at the index; None is the
-    sentinel. To insert before the index is then to insert before the last place; to remove the node at the index makes the one
-    before it the last, which is the step back; to move the index forward is to rotate by one.
+    A circular list is held as a Python list that starts behind the index and ends with the node at the index. To insert before
+    the index is then to insert before the last place; to remove the node at the index makes the one before it the last, which is
+    the step back; to move the index forward is to rotate by one.
     """
 
     __slots__ = ("occupied", "rings")
 
     def __init__(self, priorities: int):
-        self.rings: list[list[Task | None]] = [[None] for _ in range(priorities)]
+        self.rings: list[list[Task]] = [[SENTINEL] for _ in range(priorities)]
         self.occupied = 0  # bit p: there is a task in rings[p]
 
     def insert(self, task: Task) -> None:
@@ -155,9 +168,9 @@ class ReadyLists:
         """The next task of the highest priority that has one; there always is one, the idle task."""
         ring = self.rings[self.occupied.bit_length() - 1]
         task = ring.pop(0)
-        if task is None:
+        if task is SENTINEL:
             task = ring.pop(0)
-            ring.append(None)
+            ring.append(SENTINEL)
         ring.append(task)
         return task
 

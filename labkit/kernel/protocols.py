@@ -1,15 +1,15 @@
 """What taking and giving a lock does to priorities: FreeRTOS's simplified inheritance, and the textbook's protocols.
 
 A protocol is five verbs. `taken`: the task has got the lock. `waits`: the task is about to block on it. `left`: the task stopped
-waiting without being woken by a give. `timed_out`: the task runs and gives up. `give`: put the lock back, wake the first waiter,
-and say whether the CPU must be given away at once.
+waiting without being woken by a give. `timed_out`: the task runs and gives up. `give`: the holder puts the lock back and wakes
+the first waiter; says whether the CPU must be given away at once.
 """
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from labkit.kernel.objects import Mutex, Semaphore, Task, enqueue
+from labkit.kernel.objects import Mutex, Task, enqueue
 from labkit.trace.kinds import CODE
 
 if TYPE_CHECKING:
@@ -18,36 +18,27 @@ if TYPE_CHECKING:
 INHERIT, DISINHERIT, DISINHERIT_TIMEOUT = CODE["inherit"], CODE["disinherit"], CODE["disinherit_timeout"]
 
 
-class Unowned:
-    """Semaphores and queues: nobody owns them, no priority changes."""
+class Protocol:
+    """Protocol "none": a mutex with an owner, and priority inversion of any length."""
 
     family = "none"
-
-    def taken(self, k: Core, task: Task, lock: Semaphore) -> None: ...
-
-    def waits(self, k: Core, task: Task, lock: Semaphore) -> None: ...
-
-    def left(self, k: Core, task: Task, lock: Semaphore) -> None: ...
-
-    def timed_out(self, k: Core, task: Task, lock: Semaphore) -> None: ...
-
-    def give(self, k: Core, task: Task, lock: Semaphore) -> bool:
-        lock.count += 1
-        return bool(lock.waiters) and k.wake(lock.waiters)
-
-
-class Owned(Unowned):
-    """Protocol "none": a mutex with an owner, and priority inversion of any length."""
 
     def taken(self, k: Core, task: Task, lock: Mutex) -> None:
         lock.holder = task
 
+    def waits(self, k: Core, task: Task, lock: Mutex) -> None: ...
+
+    def left(self, k: Core, task: Task, lock: Mutex) -> None: ...
+
+    def timed_out(self, k: Core, task: Task, lock: Mutex) -> None: ...
+
     def give(self, k: Core, task: Task, lock: Mutex) -> bool:
         lock.holder = None
-        return super().give(k, task, lock)
+        lock.count = 1
+        return bool(lock.waiters) and k.wake(lock.waiters)
 
 
-class FreeRTOS(Unowned):
+class FreeRTOS(Protocol):
     """Protocol "freertos": only the direct holder inherits, and keeps it until it holds no mutex at all (rules 14 to 18)."""
 
     family = "freertos"
@@ -58,6 +49,7 @@ class FreeRTOS(Unowned):
 
     def waits(self, k: Core, task: Task, lock: Mutex) -> None:
         holder = lock.holder
+        assert holder is not None  # else there was nothing to wait for
         task.inherited = holder.base < task.priority
         if holder.priority < task.priority:
             holder.key = task.priority
@@ -88,7 +80,7 @@ class FreeRTOS(Unowned):
         return drops
 
 
-class Textbook(Unowned):
+class Textbook(Protocol):
     """Protocols "inheritance" and "ceiling": a task's priority is the maximum of its base, the ceilings of the mutexes it holds
     and the priorities of those who wait for one of them (Sha, Rajkumar, Lehoczky 1990; immediate ceiling as in POSIX).
 
@@ -143,10 +135,8 @@ def settle(k: Core, task: Task | None, cause: Task | None, lock: Mutex | None, l
             return
         task.waits_in.remove(task)
         enqueue(task.waits_in, task)
-        task = getattr(task.waits_for, "holder", None)
+        task = task.waits_for.holder if isinstance(task.waits_for, Mutex) else None
 
-
-UNOWNED = Unowned()
 
 #: The protocols by the names users give them.
-PROTOCOLS = {"none": Owned(), "freertos": FreeRTOS(), "inheritance": Textbook(), "ceiling": Textbook()}
+PROTOCOLS: dict[str, Protocol] = {"none": Protocol(), "freertos": FreeRTOS(), "inheritance": Textbook(), "ceiling": Textbook()}

@@ -5,10 +5,10 @@ A request is a pair (service, arguments), or an integer: CPU cycles.
 
 from __future__ import annotations
 
-from operator import index
 from typing import TYPE_CHECKING, Any
 
 from labkit.kernel import services
+from labkit.kernel.checks import whole
 from labkit.kernel.objects import FOREVER, Mutex, Queue, Semaphore, Task
 
 if TYPE_CHECKING:
@@ -16,6 +16,9 @@ if TYPE_CHECKING:
     from labkit.kernel.kernel import Kernel
 
 Request = tuple | int
+
+#: The largest tick count that FreeRTOS can hold; nobody can wait longer without waiting for ever.
+MOST_TICKS = (1 << 32) - 1
 
 
 class Services:
@@ -42,9 +45,14 @@ class Services:
         """CPU cycles since the start."""
         return self._core.now
 
+    @property
+    def ticks(self) -> int:
+        """The tick count, for `delay_until`."""
+        return self._core.ticks
+
     def compute(self, cycles: int) -> Request:
         """Use the CPU for so many cycles; the request is the number itself."""
-        return cycles if type(cycles) is int else _whole(cycles, 0, "compute for", " cycles")
+        return cycles if type(cycles) is int else whole(cycles, 0, "compute for", " cycles")
 
     def take(self, lock: Semaphore | Mutex, timeout: int | None = None) -> Request:
         """Take a semaphore or mutex: True, or False after the time-out."""
@@ -88,9 +96,17 @@ class Services:
         """Sleep; counted from the call, so periods built from it drift. 0 yields."""
         return services.delay, (_ticks(ticks, 0, "delay of"),)
 
-    def delay_until(self, period: int) -> Request:
-        """Sleep until the previous wake time plus `period` (the first counts from 0); a late call only yields. Ends the job."""
-        return services.delay_until, (period if type(period) is int and period > 0 else _ticks(period, 1, "delay_until of"),)
+    def delay_until(self, period: int, since: int | None = None) -> Request:
+        """Sleep until `period` ticks after the previous wake time, or after tick `since`; ends the job, and begins the next.
+
+        The first call counts from 0, or from what the body has read: `start = os.ticks` ... `os.delay_until(5, since=start)`.
+        True if it slept; False if it was late, and then it only yields. So it does if the previous wake time is still to come
+        (the task was suspended in the call before and resumed early): the real kernel takes that for an overflow of the count.
+        """
+        period = period if type(period) is int and 0 < period <= MOST_TICKS else _ticks(period, 1, "delay_until of")
+        if since is not None:
+            since = whole(since, -MOST_TICKS, "delay_until since tick", most=MOST_TICKS)
+        return services.delay_until, (period, since)
 
     def yield_cpu(self) -> Request:
         """Let the next task of the same priority run."""
@@ -106,7 +122,7 @@ class Services:
 
     def set_priority(self, task: Task | None, priority: int) -> Request:
         """Set the base priority of a task (None: the caller)."""
-        priority = _whole(priority, 1, "set_priority to", most=self._kernel.priorities - 1)
+        priority = whole(priority, 1, "set_priority to", most=self._kernel.priorities - 1)
         return services.set_priority, (task and _task(task), priority)
 
     def release(self) -> Request:
@@ -127,7 +143,7 @@ class Services:
 
     def mark(self, value: int = 0, extra: int = 0) -> Request:
         """Leave a mark with two free integers in the trace."""
-        return services.mark, (_whole(value, -FOREVER, "mark with"), _whole(extra, -FOREVER, "mark with"))
+        return services.mark, (whole(value, -FOREVER, "mark with"), whole(extra, -FOREVER, "mark with"))
 
 
 def _lock(lock: Any) -> Semaphore | Mutex:
@@ -153,16 +169,4 @@ def _timeout(timeout: Any) -> int | None:
 
 
 def _ticks(ticks: Any, least: int, what: str) -> int:
-    return _whole(ticks, least, what, " ticks")
-
-
-def _whole(number: Any, least: int, what: str, unit: str = "", most: int = FOREVER) -> int:
-    """The number as an int, if it is a whole one within bounds."""
-    try:
-        whole = index(number)
-    except TypeError:
-        whole = None
-    if whole is None or not least <= whole <= most:
-        allowed = f"{least} to {most} are" if most < FOREVER else f"a whole number of at least {least} is"
-        raise ValueError(f"{what} {number!r}{unit}; {allowed} allowed")
-    return whole
+    return whole(ticks, least, what, " ticks", MOST_TICKS)

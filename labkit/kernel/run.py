@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from labkit.kernel.objects import BLOCKED, DELETED, Task
+from labkit.kernel.objects import BLOCKED, DELETED, Mutex, Task
 from labkit.trace import Trace
 
 
@@ -56,7 +56,7 @@ def find_deadlock(tasks: Iterable[Task], interrupts_due: bool) -> tuple[Wait, ..
     stuck = [task for task in alive if task.state == BLOCKED and not task.alarm]
     for task in stuck:
         chain = [task]
-        while (holder := getattr(chain[-1].waits_for, "holder", None)) in stuck and holder not in chain:
+        while (holder := holder_of(chain[-1])) is not None and holder in stuck and holder not in chain:
             chain.append(holder)
         if holder is task or (holder is not None and holder.state == DELETED):
             return tuple(wait_of(each) for each in chain)
@@ -65,10 +65,15 @@ def find_deadlock(tasks: Iterable[Task], interrupts_due: bool) -> tuple[Wait, ..
     return ()
 
 
+def holder_of(task: Task) -> Task | None:
+    """The task that has the mutex for which this one waits."""
+    return task.waits_for.holder if isinstance(task.waits_for, Mutex) else None
+
+
 def wait_of(task: Task) -> Wait:
     """What a blocked task waits for, by name."""
     target = task.waits_for
     if target is None:
         return Wait(task.name, "a notification")
-    holder = getattr(target, "holder", None)
+    holder = holder_of(task)
     return Wait(task.name, target.name, holder.name if holder else None)

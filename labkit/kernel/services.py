@@ -7,6 +7,7 @@ those of tests/oracle/freertos/README.md.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from labkit.kernel.objects import DELETED, FOREVER, SUSPENDED, Mutex, Queue, Semaphore, Task
@@ -24,7 +25,10 @@ PEEK, PEEK_BLOCK, PEEK_FAIL = CODE["peek"], CODE["peek_block"], CODE["peek_fail"
 NOTIFY, NOTIFY_TAKE, NOTIFY_TAKE_BLOCK = CODE["notify"], CODE["notify_take"], CODE["notify_take_block"]
 DELAY, DELAY_UNTIL, YIELD = CODE["delay"], CODE["delay_until"], CODE["yield"]
 SUSPEND, RESUME, PRIO_SET, DONE = CODE["suspend"], CODE["resume"], CODE["prio_set"], CODE["done"]
-RELEASE, COMPLETE, BEGIN, END, MARK = CODE["release"], CODE["complete"], CODE["begin"], CODE["end"], CODE["mark"]
+RELEASE, DEADLINE, COMPLETE = CODE["release"], CODE["deadline"], CODE["complete"]
+BEGIN, END, MARK = CODE["begin"], CODE["end"], CODE["mark"]
+
+Service = Callable[..., None]
 
 
 # Semaphores and mutexes
@@ -32,7 +36,7 @@ RELEASE, COMPLETE, BEGIN, END, MARK = CODE["release"], CODE["complete"], CODE["b
 
 def take(k: Core, task: Task, lock: Semaphore | Mutex, timeout: int | None) -> None:
     task.inherited = False
-    if lock.recursive and lock.holder is task:
+    if isinstance(lock, Mutex) and lock.recursive and lock.holder is task:
         lock.depth += 1  # rule 19
         task.result = True
     else:
@@ -44,10 +48,12 @@ def _take(k: Core, task: Task, lock: Semaphore | Mutex, deadline: int) -> None:
     if count:
         k.log((k.now, TAKE, task.code, lock.code, count, 0))
         lock.count = count - 1
-        lock.protocol.taken(k, task, lock)
+        if isinstance(lock, Mutex):
+            lock.protocol.taken(k, task, lock)
         task.result = True
     elif k.ticks >= deadline:  # rule 12: only after it has tried
-        lock.protocol.timed_out(k, task, lock)
+        if isinstance(lock, Mutex):
+            lock.protocol.timed_out(k, task, lock)
         k.log((k.now, TAKE_FAIL, task.code, lock.code, 0, 0))
         task.result = False
     else:
@@ -57,20 +63,31 @@ def _take(k: Core, task: Task, lock: Semaphore | Mutex, deadline: int) -> None:
 
 def give(k: Core, task: Task, lock: Semaphore | Mutex) -> None:
     task.result = True
-    if isinstance(lock, Mutex):
-        if lock.holder is not task:
-            owner = f"which {lock.holder.name!r} holds" if lock.holder else "which nobody holds"
-            raise ValueError(f"task {task.name!r} gives mutex {lock.name!r}, {owner}; only its holder may give it")
-        if lock.depth:
-            lock.depth -= 1
-            return
-    elif lock.count == lock.length:
-        k.log((k.now, GIVE_FAIL, task.code, lock.code, lock.count, 0))
-        task.result = False
+    if isinstance(lock, Semaphore):
+        task.result, switch = give_semaphore(k, task.code, lock)
+        if switch:
+            k.reschedule()
+        return
+    if lock.holder is not task:
+        owner = f"which {lock.holder.name!r} holds" if lock.holder else "which nobody holds"
+        raise ValueError(f"task {task.name!r} gives mutex {lock.name!r}, {owner}; only its holder may give it")
+    if lock.depth:
+        lock.depth -= 1
         return
     k.log((k.now, GIVE, task.code, lock.code, lock.count, 0))
     if lock.protocol.give(k, task, lock):
         k.reschedule()
+
+
+def give_semaphore(k: Core, by: int, semaphore: Semaphore) -> tuple[bool, bool]:
+    """Whether there was room for another count, and whether the waiter it woke is above the running task."""
+    count = semaphore.count
+    if count == semaphore.length:
+        k.log((k.now, GIVE_FAIL, by, semaphore.code, count, 0))
+        return False, False
+    k.log((k.now, GIVE, by, semaphore.code, count, 0))
+    semaphore.count = count + 1
+    return True, bool(semaphore.waiters) and k.wake(semaphore.waiters)
 
 
 # Queues
@@ -200,21 +217,28 @@ def delay(k: Core, task: Task, ticks: int) -> None:
         k.reschedule()  # rule 8
 
 
-def delay_until(k: Core, task: Task, period: int) -> None:
-    """Rule 25. Each call ends a job and releases the next one; the nominal release is the wake time, even if that has passed."""
-    if task.job < 0 and task.computed and task.released < 0:
-        release(k, task, 0)  # the body began with a job instead of waiting for its first release: that job was released at 0
+def delay_until(k: Core, task: Task, period: int, since: int | None) -> None:
+    """Rule 25. Each call ends a job and releases the next one; the nominal release is the wake time, even if that has passed.
+
+    A previous wake time that is still to come is to the kernel a tick count that has overflowed: the call does not block, and
+    the wake time moves on (rule 59 of part 2). The next job is then released at once.
+    """
+    now, tick = k.now, k.tick
+    previous = task.last_wake = task.last_wake if since is None else since
+    if task.job < 0 and task.released < 0 and task.computed >= max(previous, 0) * tick:
+        release(k, task, max(previous, 0) * tick)  # it began with work instead of waiting for its first release
+    wake = task.last_wake = previous + period
+    at = wake * tick
+    task.result = sleeps = previous <= k.ticks < wake
     if task.released >= 0:
-        complete(k, task)
-    wake = task.last_wake = task.last_wake + period
-    at = wake * k.tick
-    task.result = None
-    if wake > k.ticks:
-        k.log((k.now, DELAY_UNTIL, task.code, -1, at, 1))
+        task.released = -1
+        k.log((now, COMPLETE, task.code, -1, task.due, task.job, now, DELAY_UNTIL, task.code, -1, at, sleeps))
+    else:
+        k.log((now, DELAY_UNTIL, task.code, -1, at, sleeps))
+    if sleeps:
         task.next_release = at
         k.sleep(task, wake)
     else:
-        k.log((k.now, DELAY_UNTIL, task.code, -1, at, 0))
         release(k, task, at)
         k.reschedule()
 
@@ -288,11 +312,17 @@ def end_task(k: Core, task: Task) -> None:
 
 
 def release(k: Core, task: Task, nominal: int) -> None:
-    """A job begins: its response time counts from `nominal`, in cycles."""
+    """A job begins: its response time counts from `nominal`, in cycles, or from now if that is still to come."""
+    now, code = k.now, task.code
+    nominal = min(max(nominal, 0), now)
     task.next_release = -1
-    task.job += 1
     task.released = nominal
-    k.log((k.now, RELEASE, task.code, -1, nominal, task.job))
+    task.job = job = task.job + 1
+    if task.deadline is None:
+        k.log((now, RELEASE, code, -1, nominal, job))
+    else:
+        task.due = nominal + task.deadline
+        k.log((now, RELEASE, code, -1, nominal, job, now, DEADLINE, code, -1, task.due, job))
 
 
 def complete(k: Core, task: Task) -> None:
@@ -303,8 +333,7 @@ def complete(k: Core, task: Task) -> None:
     cycle to the request.
     """
     if task.released >= 0:
-        deadline = -1 if task.deadline is None else task.released + task.deadline
-        k.log((k.now, COMPLETE, task.code, -1, deadline, task.job))
+        k.log((k.now, COMPLETE, task.code, -1, task.due, task.job))
         task.released = -1
 
 
@@ -327,3 +356,23 @@ def stamp(item: Any) -> int:
 
 def _deadline(k: Core, timeout: int | None) -> int:
     return FOREVER if timeout is None else k.ticks + timeout
+
+
+#: The services that can cost something, by the names that `Costs` uses.
+PRICED: dict[str, Service] = {
+    "take": take,
+    "give": give,
+    "send": send,
+    "send_front": send_front,
+    "overwrite": overwrite,
+    "receive": receive,
+    "peek": peek,
+    "notify_give": notify_give,
+    "notify_take": notify_take,
+    "delay": delay,
+    "delay_until": delay_until,
+    "yield_cpu": yield_cpu,
+    "suspend": suspend,
+    "resume": resume,
+    "set_priority": set_priority,
+}
