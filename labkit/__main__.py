@@ -1,21 +1,30 @@
 """The command line: every experiment without a notebook, and the models' file formats.
 
-Exit code 0: done; 1: an error in the input, told in one sentence on standard error; 2: wrong usage.
+Exit code 0: done; 1: an error in the input, told in one sentence on standard error; 2: wrong usage; 130: interrupted.
 """
 
 from __future__ import annotations
 
 import argparse
+import codecs
 import json
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict
-from typing import Any
+from io import TextIOWrapper
+from typing import TYPE_CHECKING, Any, NoReturn
+
+from labkit.outside import one_line, read_json
+
+if TYPE_CHECKING:
+    from labkit.experiment import Parameter
 
 
 def _print_json(value: Any) -> None:
-    json.dump(value, sys.stdout, indent=1, ensure_ascii=False, default=lambda o: o.item() if hasattr(o, "item") else str(o))
+    unicode = (sys.stdout.encoding or "").lower().startswith("utf")
+    json.dump(value, sys.stdout, indent=1, ensure_ascii=not unicode, default=lambda o: o.item() if hasattr(o, "item") else str(o))
     print()
 
 
@@ -56,7 +65,9 @@ def _run(args: argparse.Namespace) -> None:
             raise ParameterError(f"--set {item!r} has no '='; write --set name=value")
         values[key] = _value(text, types[key]) if key in types else text
     experiment = cls(**values)
-    metrics = experiment.metrics(experiment.run())
+    with _progress():
+        result = experiment.run()
+    metrics = experiment.metrics(result)
     if args.json:
         _print_json({"experiment": cls.name(), "parameters": experiment.model_dump(), "metrics": [asdict(m) for m in metrics]})
         return
@@ -70,7 +81,23 @@ def _run(args: argparse.Namespace) -> None:
         print(f"    {m.name}: {m.text()}{beside}{'   ' + m.note if m.note else ''}")
 
 
-def _value(text: str, parameter: Any) -> Any:
+@contextmanager
+def _progress() -> Iterator[None]:
+    """Shows on standard error how far a slow run is, if someone is watching."""
+    from labkit.experiment import progress_listener
+
+    if sys.stderr is None or not sys.stderr.isatty():
+        yield
+        return
+    token = progress_listener.set(lambda done: print(f"\r{done:4.0%}", end="", file=sys.stderr, flush=True))
+    try:
+        yield
+    finally:
+        progress_listener.reset(token)
+        print("\r    \r", end="", file=sys.stderr, flush=True)
+
+
+def _value(text: str, parameter: Parameter) -> Any:
     """Text of the command line as the parameter's type; what does not fit is left for the validation to name."""
     if parameter.type is bool:
         return {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}.get(text.lower(), text)
@@ -137,14 +164,9 @@ def _cache(args: argparse.Namespace) -> None:
 
 
 def _schedule(args: argparse.Namespace) -> None:
-    from labkit.scheduler.taskfile import schedule, write_schedule
+    from labkit.scheduler import schedule, write_schedule
 
-    with open(args.tasks, encoding="utf-8") as file:
-        try:
-            data = json.load(file)
-        except (ValueError, RecursionError) as error:
-            raise ValueError(f"{args.tasks} is not JSON: {error}") from None
-    verdict, trace = schedule(data, args.policy, args.until)
+    verdict, trace = schedule(read_json(args.tasks), args.policy, args.until)
     if args.trace:
         with open(args.trace, "w", encoding="utf-8", newline="") as file:
             write_schedule(trace, file)
@@ -163,12 +185,26 @@ def _windows(args: argparse.Namespace) -> None:
         print(f"{window.phase:20} {window.release_ns:14} {window.deadline_ns:14} {window.end_ns:14} {window.spare_ns:14}")
 
 
+class _Parser(argparse.ArgumentParser):
+    def error(self, message: str) -> NoReturn:
+        super().error(one_line(message))
+
+
+class _Version(argparse.Action):
+    def __call__(self, *_: Any) -> NoReturn:
+        from importlib.metadata import version
+
+        print(f"labkit {version('labkit')}")
+        sys.exit(0)
+
+
 def parser() -> argparse.ArgumentParser:
     """The commands and their options."""
-    top = argparse.ArgumentParser(prog="labkit", description="The Real-Time Lab on the command line.")
+    top = _Parser(prog="labkit", description="The Real-Time Lab on the command line.")
+    top.add_argument("--version", action=_Version, nargs=0, help="print the version of the lab and exit")
     commands = top.add_subparsers(dest="command", required=True, metavar="COMMAND")
 
-    def add(name: str, function: Any, text: str) -> argparse.ArgumentParser:
+    def add(name: str, function: Callable[[argparse.Namespace], None], text: str) -> argparse.ArgumentParser:
         command = commands.add_parser(name, help=text, description=text)
         command.set_defaults(function=function)
         return command
@@ -219,16 +255,52 @@ def parser() -> argparse.ArgumentParser:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Entry point of `labkit`."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, TextIOWrapper):
+            stream.reconfigure(errors="labkit.plain")  # no character is worth a traceback, whatever the terminal
     args = parser().parse_args(argv)
     try:
+        if sys.stdout is None:
+            raise OSError("standard output is closed")
         args.function(args)
         sys.stdout.flush()
-    except BrokenPipeError:  # the reader, such as `head`, has seen enough; nor may the interpreter flush again at its end
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    except BrokenPipeError:  # the reader, such as `head`, has seen enough
+        _drop_output()
+    except KeyboardInterrupt:
+        return _fail(args.command, "interrupted", 130)
+    except MemoryError:
+        return _fail(args.command, "the input needs more memory than there is", 1)
     except (ValueError, OSError) as error:
-        print(f"labkit {args.command}: {error}", file=sys.stderr)
-        return 1
+        notes = "".join(f" ({note})" for note in getattr(error, "__notes__", ()))
+        return _fail(args.command, f"{error}{notes}", 1)
     return 0
+
+
+def _fail(command: str, message: str, code: int) -> int:
+    if sys.stderr is not None:
+        print(f"labkit {command}: {one_line(message)}", file=sys.stderr)
+    try:
+        if sys.stdout is not None:
+            sys.stdout.flush()
+    except OSError:
+        _drop_output()
+    return code
+
+
+def _drop_output() -> None:
+    """Lets go of what cannot be written, so that the interpreter does not try again at its end."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def _plain(error: UnicodeError) -> tuple[str, int]:
+    """What to write for characters that an encoding does not have: a blank for a thin one, else an escape."""
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    text = error.object[error.start : error.end]
+    return text.replace("\u202f", " ").encode("ascii", "backslashreplace").decode("ascii"), error.end
+
+
+codecs.register_error("labkit.plain", _plain)
 
 
 if __name__ == "__main__":

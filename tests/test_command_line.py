@@ -1,8 +1,12 @@
 """The command line: same models, same numbers, one sentence for every mistake."""
 
 import csv
+import importlib.metadata
+import io
 import json
+import os
 import pathlib
+import re
 import subprocess
 import sys
 
@@ -25,6 +29,74 @@ def test_a_reader_that_has_seen_enough_is_no_error():
     command = subprocess.Popen([sys.executable, "-m", "labkit", "list"], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
     command.stdout.close()
     assert command.stderr.read() == b"" and command.wait(60) == 0
+
+
+def test_version_is_that_of_the_package(capsys):
+    with pytest.raises(SystemExit) as ended:
+        main(["--version"])
+    assert ended.value.code == 0
+    assert capsys.readouterr().out == f"labkit {importlib.metadata.version('labkit')}\n"
+
+
+@pytest.mark.parametrize("arguments", ["list", "list --json"])
+def test_closed_output_is_told_in_one_sentence(arguments):
+    told = subprocess.run(["sh", "-c", f'"$0" -m labkit {arguments} >&-', sys.executable], stderr=subprocess.PIPE)
+    assert (told.returncode, told.stderr) == (1, b"labkit list: standard output is closed\n")
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="no /dev/full here")
+def test_a_full_disk_is_told_in_one_sentence():
+    with open("/dev/full", "w") as full:
+        told = subprocess.run([sys.executable, "-m", "labkit", "list"], stdout=full, stderr=subprocess.PIPE)
+    assert told.returncode == 1 and told.stderr.startswith(b"labkit list: ") and told.stderr.count(b"\n") == 1
+
+
+@pytest.mark.parametrize("encoding", ["cp1252", "ascii"])
+@pytest.mark.parametrize("json_too", [[], ["--json"]])
+def test_a_terminal_without_unicode_is_no_error(encoding, json_too, monkeypatch):
+    for arguments in (["list"], ["run", "matrix-orders"]):
+        raw = io.BytesIO()
+        monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(raw, encoding=encoding))
+        assert main([*arguments, *json_too]) == 0
+        printed = raw.getvalue().decode(encoding)
+        assert json.loads(printed) if json_too else printed
+        if arguments[0] == "run" and not json_too:  # the default metrics have thousands, set apart by a thin space
+            assert "\\u202f" not in printed and re.search(r"\d \d\d\d", printed)
+
+
+def test_a_name_with_a_line_break_stays_in_its_line(capsys):
+    assert main(["trace", "no\r\nfile\u202e"]) == 1
+    assert capsys.readouterr().err.count("\n") == 1
+    assert main(["run", "priority\ninversion"]) == 1
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1 and "\r" not in error
+    with pytest.raises(SystemExit) as ended:
+        main(["list", "one\ntwo"])
+    assert ended.value.code == 2 and r"unrecognized arguments: one\ntwo" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("event", "code", "said"), [(KeyboardInterrupt, 130, "interrupted"), (MemoryError, 1, "more memory")])
+def test_an_interrupt_and_a_lack_of_memory_are_no_tracebacks(event, code, said, monkeypatch, capsys):
+    def run(self):
+        raise event
+
+    monkeypatch.setattr("labkit.experiments.priority_inversion.PriorityInversion.run", run)
+    assert main(["run", "priority-inversion"]) == code
+    error = capsys.readouterr().err
+    assert error.startswith("labkit run: ") and said in error and error.count("\n") == 1
+
+
+def test_a_slow_run_shows_progress_to_who_is_watching(monkeypatch, capsys):
+    class Watched(io.StringIO):
+        def isatty(self):
+            return True
+
+    watched = Watched()
+    assert main(["run", "acceptance-curves", "--set", "sets=20"]) == 0
+    assert capsys.readouterr().err == ""
+    monkeypatch.setattr(sys, "stderr", watched)
+    assert main(["run", "acceptance-curves", "--set", "sets=20"]) == 0
+    assert re.fullmatch(r"(\r *\d+%)+\r +\r", watched.getvalue())
 
 
 def test_run_takes_parameters_and_prints_metrics(capsys):
