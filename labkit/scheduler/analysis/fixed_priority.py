@@ -61,7 +61,7 @@ def least_window(base: int, load: Sequence[tuple[int, int, int]], budget: Budget
     Raises:
         UndecidedError: the steps of `budget`, one for each row and one more in each round, do not suffice.
     """
-    budget.spend(1 + len(load))
+    budget.spend(1 + 4 * len(load))  # long integers below
     level = compared_to_one([(c, t) for c, t, _ in load])
     if level > 0 or (level == 0 and (base > 0 or any(j for _, _, j in load))):
         return None
@@ -115,6 +115,7 @@ def level_responses(
     tasks: Sequence[PeriodicTask], rank: int, held: int | None, overheads: Overheads, budget: Budget
 ) -> tuple[int, ...] | None:
     """`job_responses` of the task at `rank`, which lower ones hold up for `held`."""
+    budget.spend(4 * rank)
     task, cost = tasks[rank], _charge(tasks[rank], overheads)
     load = [(_charge(t, overheads), t.period, t.jitter) for t in tasks[:rank]]
     if overheads.tick:

@@ -119,14 +119,18 @@ def taft_plan_test(pairs: Iterable[TaskPair]) -> Verdict:
     pairs = check_names(pairs)
     if _level(pairs) > 0:
         return _overload(pairs)
-    cycle = lcm(*(pair.period for pair in pairs))
+    cycle = 1
+    for pair in pairs:
+        cycle = lcm(cycle, pair.period)
+        if cycle // pair.period > MAX_JOBS:
+            raise _too_many_jobs()
     begun = max(pair.offset for pair in pairs)
     first = min(pair.offset for pair in pairs)
     # Released together, all is over before the next common release. Otherwise the plan, built from its end, and the schedule,
     # built from its start, each settle within one cycle in which all tasks take part.
     judged, end = (begun + cycle,) * 2 if begun == first else (begun + 2 * cycle, begun + 5 * cycle)
     if sum((end - pair.offset) // pair.period for pair in pairs) > MAX_JOBS:
-        raise UndecidedError(f"TAFT plan: undecided, with more than {MAX_JOBS} jobs until the releases repeat")
+        raise _too_many_jobs()
     jobs = sorted((release, i) for i, pair in enumerate(pairs) for release in range(pair.offset, end, pair.period))
     windows = [(release, release + pairs[i].deadline, pairs[i].ep_wcet) for release, i in jobs]
     slots = latest_slots(windows)
@@ -144,6 +148,10 @@ def taft_plan_test(pairs: Iterable[TaskPair]) -> Verdict:
     why = f"task {name!r}: the main part released at {release} must give way to its exception part at {when}"
     why += f", {over} before it can have had its ECET"
     return Verdict(False, "TAFT plan", why, True)
+
+
+def _too_many_jobs() -> UndecidedError:
+    return UndecidedError(f"TAFT plan: undecided, with more than {MAX_JOBS} jobs until the releases repeat")
 
 
 def taft_test(pairs: Iterable[TaskPair]) -> Verdict:
