@@ -9,11 +9,11 @@ from __future__ import annotations
 import numpy as np
 
 from labkit.trace.jobs import outside
-from labkit.trace.kinds import CODE, STATES
+from labkit.trace.kinds import STATES
 from labkit.trace.trace import Trace
 
-TAKE, DONE, READY, SUSPEND, PRIO_SET = CODE["take"], CODE["done"], CODE["ready"], CODE["suspend"], CODE["prio_set"]
-BLOCKS = {CODE[kind] for kind in ("take_block", "send_block", "recv_block", "peek_block", "notify_take_block")}
+#: The kinds of events with which a task begins to wait for an object.
+BLOCKS = ("take_block", "send_block", "recv_block", "peek_block", "notify_take_block")
 
 
 def runs(trace: Trace) -> np.ndarray:
@@ -50,18 +50,25 @@ def holds(trace: Trace) -> np.ndarray:
     A take whose give has not come by the end counts only if no other task or interrupt ever gives that object: what one takes
     and another gives is a signal, and nobody holds it.
     """
-    takes: dict[tuple[int, int], list[int]] = {}
-    signals = set()
-    rows = []
-    for time, kind, task, lock, *_ in trace.rows("take", "give").tolist():
-        if kind == TAKE:
-            takes.setdefault((task, lock), []).append(time)
-        elif takes.get((task, lock)):
-            rows.append((task, lock, takes[task, lock].pop(), time))
-        else:
-            signals.add(lock)
-    rows += [(task, lock, time, trace.end) for (task, lock), times in takes.items() if lock not in signals for time in times]
-    return _table(rows, 4, by=2)
+    rows = np.flatnonzero(trace.of("take", "give"))
+    owner = np.unique(_pairs(trace.task[rows], trace.other[rows]), return_inverse=True)[1]
+    rows, owner = _by(owner, rows)
+    takes = trace.of("take")[rows]
+    step, first = np.where(takes, 1, -1), _first(owner)
+    level = np.cumsum(step)
+    level -= (level - step)[first][owner]  # each owner begins at 0
+    span = 2 * len(rows) + 2
+    floor = np.minimum.accumulate(level - owner * span) + owner * span  # the lowest of this owner so far, since owners rise
+    foreign = ~takes & (level < 0) & ((level < np.append(1, floor[:-1])) | first)
+    signals = np.isin(trace.other[rows], trace.other[rows[foreign]])
+    depth = (level - np.minimum(floor, 0))[~foreign]  # after the event; of one depth a take and its give follow each other
+    rows, owner, takes, signals = rows[~foreign], owner[~foreign], takes[~foreign], signals[~foreign]
+    order = np.lexsort((rows, depth + ~takes, owner))
+    rows, owner, takes, signals = rows[order], owner[order], takes[order], signals[order]
+    given = np.append(~takes[1:], False)[: len(takes)]
+    end = np.where(given, np.append(rows[1:], -1)[: len(rows)], -1)
+    kept = takes & (given | ~signals)
+    return _table(trace, (trace.task[rows[kept]], trace.other[rows[kept]]), rows[kept], end[kept])
 
 
 def waits(trace: Trace) -> np.ndarray:
@@ -69,61 +76,88 @@ def waits(trace: Trace) -> np.ndarray:
 
     A wait for a notification has object -1. A task that finds nothing when it retries (no hand-off) begins a new interval.
     """
-    open_waits: dict[int, tuple[int, int]] = {}
-    rows = []
-    for time, kind, task, other, *_ in trace.rows().tolist():
-        if kind in BLOCKS:
-            open_waits[task] = other, time
-        elif kind == READY and task in open_waits:
-            rows.append((task, *open_waits.pop(task), time))
-        elif kind == SUSPEND and other in open_waits:
-            rows.append((other, *open_waits.pop(other), time))
-    rows += [(task, target, start, trace.end) for task, (target, start) in open_waits.items()]
-    return _table(rows, 4, by=2)
+    blocks, ready, suspend = (np.flatnonzero(trace.of(*kinds)) for kinds in (BLOCKS, ("ready",), ("suspend",)))
+    if not len(blocks):
+        return np.empty((0, 4), np.int64)
+    opened = trace.task[blocks], blocks
+    closed = np.concatenate([trace.task[ready], trace.other[suspend]]), np.concatenate([ready, suspend])
+    task, begin, end = _intervals(opened, closed)
+    return _table(trace, (task, trace.other[begin]), begin, end)
 
 
 def ready(trace: Trace) -> np.ndarray:
     """Ready but not running, columns (task, start, end): preempted, sliced out, or not yet chosen."""
-    since: dict[int, int] = {}
-    running, rows = -1, []
-    for time, kind, task, other, _, extra in trace.rows("ready", "switch", "suspend").tolist():
-        if kind == CODE["switch"]:
-            running = task
-            if extra == STATES.index("ready") and other >= 0:
-                since.setdefault(other, time)
-        elif kind == CODE["ready"]:
-            if task != running:
-                since.setdefault(task, time)
-            continue
-        gone = task if kind == CODE["switch"] else other
-        if since.get(gone, time) < time:
-            rows.append((gone, since[gone], time))
-        since.pop(gone, None)
-    rows += [(task, start, trace.end) for task, start in since.items() if start < trace.end]
-    return _table(rows, 3, by=1)
+    switches, readied, suspended = (np.flatnonzero(trace.of(kind)) for kind in ("switch", "ready", "suspend"))
+    running = np.append(trace.task[switches], -1)[np.searchsorted(switches, readied) - 1]  # -1: before the first switch
+    readied = readied[trace.task[readied] != running]
+    out = switches[(trace.extra[switches] == STATES.index("ready")) & (trace.other[switches] >= 0)]
+    opened = np.concatenate([trace.other[out], trace.task[readied]]), np.concatenate([out, readied])
+    closed = np.concatenate([trace.task[switches], trace.other[suspended]]), np.concatenate([switches, suspended])
+    task, begin, end = _intervals(opened, closed)
+    table = _table(trace, (task,), begin, end)
+    return table[table[:, 2] > table[:, 1]]
 
 
 def priorities(trace: Trace) -> np.ndarray:
     """Current priorities as steps, columns (task, start, end, priority), from each task's creation to its end."""
     kinds = ("create", "ready", "switch", "inherit", "disinherit", "disinherit_timeout", "prio_set", "done")
-    steps: dict[int, tuple[int, int]] = {}  # the open step of each task: since when, which priority
-    rows = []
-    for time, kind, task, other, value, extra in trace.rows(*kinds).tolist():
-        if kind == PRIO_SET:
-            task, value = other, extra
-        since, priority = steps.get(task, (time, None))
-        if kind != DONE and value == priority:
-            continue
-        if time > since:
-            rows.append((task, since, time, priority))
-        if kind == DONE:
-            steps.pop(task, None)
-        else:
-            steps[task] = time, value
-    rows += [(task, since, trace.end, priority) for task, (since, priority) in steps.items()]
-    return _table(rows, 4, by=1)
+    rows = np.flatnonzero(trace.of(*kinds))
+    set_by_another = trace.of("prio_set")[rows]
+    task = np.where(set_by_another, trace.other[rows], trace.task[rows])
+    task, rows = _by(task, rows)[::-1]
+    set_by_another, done = trace.of("prio_set")[rows], trace.of("done")[rows]
+    priority = np.where(set_by_another, trace.extra[rows], trace.value[rows])
+    same = np.zeros(len(rows), bool)
+    same[1:] = (task[1:] == task[:-1]) & (priority[1:] == priority[:-1]) & ~done[1:] & ~done[:-1]
+    task, rows, priority, done = task[~same], rows[~same], priority[~same], done[~same]
+    going_on = np.append(task[1:] == task[:-1], False)[: len(task)]
+    end = np.where(going_on, np.append(rows[1:], -1)[: len(rows)], -1)
+    kept = ~done & ((end < 0) | (trace.time[end] > trace.time[rows]))
+    table = _table(trace, (task[kept], priority[kept]), rows[kept], end[kept])
+    return table[:, [0, 2, 3, 1]]
 
 
-def _table(rows: list[tuple[int, ...]], columns: int, by: int) -> np.ndarray:
-    table = np.array(rows, dtype=np.int64).reshape(-1, columns)
-    return table[np.argsort(table[:, by], kind="stable")]
+def _intervals(opened: tuple[np.ndarray, np.ndarray], closed: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, ...]:
+    """Per task, from the first event that opens an interval to the next that closes it.
+
+    Args:
+        opened, closed: task and row of the events; one row may do both, and then opens first.
+
+    Returns:
+        (task, row of the opening, row of the closing or -1) of each interval.
+    """
+    task = np.concatenate([opened[0], closed[0]])
+    key = np.concatenate([2 * opened[1], 2 * closed[1] + 1])
+    key, task = _by(task, key)
+    first, opens = _first(task), key % 2 == 0
+    turn = first | np.append(True, opens[1:] != opens[:-1])[: len(key)]  # the first of several that do the same
+    task, key, opens = task[turn], key[turn], opens[turn]
+    shut = np.append((task[1:] == task[:-1]) & ~opens[1:], False)[: len(key)]
+    end = np.where(shut, np.append(key[1:], -2)[: len(key)] // 2, -1)
+    return task[opens], key[opens] // 2, end[opens]
+
+
+def _by(group: np.ndarray, key: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Keys and groups in order of group, then key."""
+    order = np.lexsort((key, group))
+    return key[order], group[order]
+
+
+def _first(group: np.ndarray) -> np.ndarray:
+    """Which elements are the first of their group, in an array in order of group."""
+    first = np.ones(len(group), bool)
+    first[1:] = group[1:] != group[:-1]
+    return first
+
+
+def _pairs(task: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """One number for each pair of name codes, from -1."""
+    return (task + 1) * (int(other.max(initial=0)) + 2) + other + 1
+
+
+def _table(trace: Trace, columns: tuple[np.ndarray, ...], begin: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """Columns, start and end of intervals given by rows, end -1 for the end of the trace, in order of start."""
+    stop = np.where(end < 0, trace.end, np.append(trace.time, 0)[end])
+    table = np.stack([*columns, np.append(trace.time, 0)[begin], stop], axis=1)
+    last = np.where(end < 0, len(trace), end)
+    return table[np.lexsort((begin, last, table[:, -2]))]

@@ -1,10 +1,12 @@
 """Folds over hand-made rows: who ran, held, waited, and at which priority."""
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from labkit.trace import Trace
 from labkit.trace.folds import holds, overheads, priorities, ready, runs, waits
-from labkit.trace.kinds import CODE
+from labkit.trace.kinds import CODE, STATES
 
 A, B, LOCK = 0, 1, 2
 
@@ -94,3 +96,88 @@ def test_ready_is_preempted_or_not_yet_chosen():
     ]
     trace = Trace.from_rows(rows, ("a", "b", "c"), 1000, end=10)
     assert ready(trace).tolist() == [[0, 3, 7], [2, 5, 8]]
+
+
+# ------------------------------------------------------------------------ any rows at all, event by event
+
+
+def holds_by_event(t):
+    takes, signals, rows = {}, set(), []
+    for time, kind, task, lock, *_ in t.rows("take", "give").tolist():
+        if kind == CODE["take"]:
+            takes.setdefault((task, lock), []).append(time)
+        elif takes.get((task, lock)):
+            rows.append([task, lock, takes[task, lock].pop(), time])
+        else:
+            signals.add(lock)
+    open_takes = takes.items()
+    return rows + [[task, lock, time, t.end] for (task, lock), times in open_takes if lock not in signals for time in times]
+
+
+def waits_by_event(t):
+    open_waits, rows = {}, []
+    for time, kind, task, other, *_ in t.rows().tolist():
+        if kind in {CODE[name] for name in ("take_block", "send_block", "recv_block", "peek_block", "notify_take_block")}:
+            open_waits.setdefault(task, (other, time))
+        elif kind == CODE["ready"] and task in open_waits:
+            rows.append([task, *open_waits.pop(task), time])
+        elif kind == CODE["suspend"] and other in open_waits:
+            rows.append([other, *open_waits.pop(other), time])
+    return rows + [[task, target, start, t.end] for task, (target, start) in open_waits.items()]
+
+
+def ready_by_event(t):
+    since, running, rows = {}, -1, []
+    for time, kind, task, other, _, extra in t.rows("ready", "switch", "suspend").tolist():
+        if kind == CODE["switch"]:
+            running = task
+            if extra == STATES.index("ready") and other >= 0:
+                since.setdefault(other, time)
+        elif kind == CODE["ready"]:
+            if task != running:
+                since.setdefault(task, time)
+            continue
+        gone = task if kind == CODE["switch"] else other
+        if since.get(gone, time) < time:
+            rows.append([gone, since[gone], time])
+        since.pop(gone, None)
+    return rows + [[task, start, t.end] for task, start in since.items() if start < t.end]
+
+
+def priorities_by_event(t):
+    kinds = ("create", "ready", "switch", "inherit", "disinherit", "disinherit_timeout", "prio_set", "done")
+    steps, rows = {}, []
+    for time, kind, task, other, value, extra in t.rows(*kinds).tolist():
+        if kind == CODE["prio_set"]:
+            task, value = other, extra
+        since, priority = steps.get(task, (time, None))
+        if kind != CODE["done"] and value == priority:
+            continue
+        if time > since:
+            rows.append([task, since, time, priority])
+        if kind == CODE["done"]:
+            steps.pop(task, None)
+        else:
+            steps[task] = time, value
+    return rows + [[task, since, t.end, priority] for task, (since, priority) in steps.items()]
+
+
+KINDS_OF = {
+    holds: ("take", "give"),
+    waits: ("take_block", "recv_block", "ready", "suspend"),
+    ready: ("ready", "switch", "suspend"),
+    priorities: ("create", "ready", "inherit", "prio_set", "done"),
+}
+
+
+@pytest.mark.parametrize("fold", KINDS_OF, ids=lambda fold: fold.__name__)
+@settings(max_examples=400, deadline=None)
+@given(st.data())
+def test_a_fold_says_the_same_as_one_event_after_the_other(fold, data):
+    small = st.integers(0, 2)
+    row = st.tuples(st.integers(0, 12), st.sampled_from(KINDS_OF[fold]), small, small, small, small)
+    t = trace(*sorted(data.draw(st.lists(row, max_size=25)), key=lambda row: row[0]), end=12)
+    told = fold(t).tolist()
+    begins = {holds: 2, waits: 2}.get(fold, 1)
+    assert [row[begins] for row in told] == sorted(row[begins] for row in told)
+    assert sorted(told) == sorted(globals()[f"{fold.__name__}_by_event"](t))
