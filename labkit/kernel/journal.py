@@ -15,6 +15,9 @@ WIDTH = len(COLUMNS)
 #: Numbers after which the rows are packed; small enough to stay in the processor's cache.
 PAGE = 1000 * WIDTH
 
+#: More rows than this are not kept: 2.4 GB.
+MOST_ROWS = 50_000_000
+
 
 class Journal:
     """Rows in order of time, written by `log((time, kind, task, other, value, extra))`, several in one call if they are known.
@@ -23,15 +26,19 @@ class Journal:
     memory of a list of tuples. Pages become columns when a trace is read, and only those that are new since the last time.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, most: int = MOST_ROWS) -> None:
+        self.most = most
         self.rows: list[int] = []
         self.log = self.rows.extend
         self._pages: deque[bytes] = deque()
         self._columns = np.empty((WIDTH, 0), dtype=np.int64)
-        self._length = 0
+        self._length = self._packed = 0
 
     def pack(self) -> None:
-        """Put the rows so far away."""
+        """Put the rows so far away; ValueError if they are more than `most`."""
+        self._packed += len(self.rows) // WIDTH
+        if self._packed > self.most:
+            raise ValueError(f"the run makes more than {self.most} events, the most that are recorded")
         self._pages.append(pack(f"{len(self.rows)}q", *self.rows))
         self.rows.clear()
 

@@ -223,7 +223,8 @@ class Kernel:
         except Exception as error:
             where = f"in task {core.running.name!r}"
             if core.handling is not None:
-                where = f"in interrupt handler {getattr(core.handling, '__qualname__', core.handling)}, {where} interrupted,"
+                name = getattr(core.handling, "__qualname__", core.handling)
+                where = f"in interrupt handler {name}, which interrupted task {core.running.name!r},"
             error.add_note(f"{where} at cycle {core.now}")
             raise
         self._end, self._busy = until, False

@@ -6,7 +6,7 @@ A tick is one cycle here, so all times are ticks.
 from __future__ import annotations
 
 import csv
-from collections.abc import Callable, Generator, Mapping
+from collections.abc import Callable, Generator, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal, TextIO
@@ -20,12 +20,10 @@ from labkit.kernel.run import Run
 from labkit.outside import Name, a_list, checked, read_json, shown, whole, whole_number
 from labkit.trace.folds import runs
 from labkit.trace.kinds import ISR_OPS, KINDS, STATES
+from labkit.trace.trace import Trace
 
-#: The longest run; it also ends, with an error, at `MOST_EVENTS`.
-LAST_TICK = 10_000_000
-
-#: More events than this are not recorded: they would take gigabytes.
-MOST_EVENTS = 5_000_000
+#: The longest run of a scenario, and the most events of it: half a minute and a gigabyte.
+LAST_TICK, MOST_EVENTS = 10_000_000, 5_000_000
 
 
 class _Data(BaseModel):
@@ -240,9 +238,10 @@ def _argument(value: Any, word: str, where: str, known: Mapping[str, str], limit
 def run_scenario(scenario: Scenario, protocol: str = "freertos") -> Run:
     """Run a scenario to its end tick, under one protocol for all its mutexes; ceilings are those of the tasks that use them.
 
-    Errors: ValueError as from `Kernel.run`.
+    Errors: ValueError as from `Kernel.run`, or after `MOST_EVENTS`.
     """
     k = Kernel(cpu_hz=1000, tick_hz=1000, priorities=scenario.priorities, time_slicing=scenario.time_slicing)
+    k.limit_events(MOST_EVENTS)
     users = _users(scenario) if protocol == "ceiling" else {}
     handles: dict[str | None, Any] = {None: None}
     for spec in scenario.objects:
@@ -342,7 +341,7 @@ def write_events(run: Run, file: TextIO) -> None:
     states = (*STATES, "-")
     out = csv.writer(file, lineterminator="\n")
     out.writerow(("tick", "event", "task", "detail"))
-    for time, kind, task, other, value, extra in run.trace.rows().tolist():
+    for time, kind, task, other, value, extra in _rows(run.trace):
         event = KINDS[kind]
         if event not in DETAILS:
             continue
@@ -353,6 +352,13 @@ def write_events(run: Run, file: TextIO) -> None:
             fields["op"] = ISR_OPS[extra]
         subject = "ISR" if event == "isr" else fields["other"] if event in ABOUT_OTHER else fields["task"]
         out.writerow((time, event.removesuffix("_timeout"), subject, DETAILS[event].format_map(fields)))
+
+
+def _rows(trace: Trace) -> Iterator[list[int]]:
+    """The rows as lists, made a part at a time to save memory."""
+    rows = trace.rows()
+    for start in range(0, len(rows), 100_000):
+        yield from rows[start : start + 100_000].tolist()
 
 
 _COUNT, _ITEM = "obj={other};count_before={value}", "obj={other};value={extra};count_before={value}"

@@ -4,6 +4,7 @@ import pytest
 
 from labkit.kernel import Costs, Kernel
 from labkit.trace.folds import overheads, runs
+from labkit.trace.kinds import OVERHEADS
 
 
 def kernel(**options):
@@ -64,6 +65,41 @@ def test_an_interrupt_costs_entry_and_exit_and_the_switch_comes_after():
     assert marks(k.run(until=20)) == [(9, "a", 0)]
 
 
+def test_calls_in_interrupts_cost_what_services_cost():
+    k = kernel(costs=Costs(isr_entry=2, isr_exit=1, service={"give": 3, "send": 4, "notify_give": 5, "resume": 6}))
+    s, q = k.binary("s"), k.queue("q", 1)
+    seen = []
+
+    def handler(isr):
+        for call in (lambda: isr.give(s), lambda: isr.send(q, 1), lambda: isr.notify_give(task), lambda: isr.resume(task)):
+            call()
+            seen.append(isr.now)
+
+    task = k.task("a", lambda os: (yield os.suspend()), priority=1)
+    k.interrupt(5, handler)
+    run = k.run(until=40)
+    assert seen == [10, 14, 19, 25]
+    spent = run.trace.rows("overhead")[:, [0, 4, 5]].tolist()
+    isr, service = OVERHEADS.index("isr"), OVERHEADS.index("service")
+    calls = [[7, 3, service], [10, 4, service], [14, 5, service], [19, 6, service]]
+    assert spent == [[5, 2, isr], *calls, [25, 1, isr]]
+
+
+def test_an_interrupt_during_a_switch_comes_before_the_new_task_goes_on():
+    k = kernel(costs=Costs(switch=4))
+
+    def body(os):
+        yield os.delay(1)
+        order.append(("task", os.now))
+        yield os.compute(1)
+
+    k.task("a", body, priority=1)
+    k.interrupt(12, lambda isr: order.append(("interrupt", isr.now)))
+    order = []
+    k.run(until=30)
+    assert order == [("interrupt", 14), ("task", 14)]
+
+
 def test_interrupts_that_leave_no_time_do_not_hang():
     k = kernel(costs=Costs(isr_entry=2))
     k.interrupt(0, lambda isr: None, every=1)
@@ -78,6 +114,19 @@ def test_interrupts_that_take_no_time_and_never_stop_are_reported():
 
     k.interrupt(5, again)
     with pytest.raises(ValueError, match="device interrupts in a row up to cycle 5"):
+        k.run(until=10)
+
+
+def test_an_interrupt_and_a_task_that_keep_each_other_going_are_reported():
+    k = kernel()
+
+    def body(os):
+        while True:
+            k.interrupt(os.now, lambda isr: isr.notify_give(task))
+            yield os.notify_take()
+
+    task = k.task("a", body, priority=1)
+    with pytest.raises(ValueError, match="'a' is caught in a loop that takes no time"):
         k.run(until=10)
 
 

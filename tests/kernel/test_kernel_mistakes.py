@@ -34,6 +34,24 @@ def test_a_loop_that_takes_no_time_names_the_task():
     raises("task 'a' is caught in a loop that takes no time", body, s=("binary", {}))
 
 
+def test_an_error_in_an_interrupt_handler_is_not_blamed_on_the_task_it_interrupted():
+    k = kernel()
+
+    def body(os):
+        yield os.compute(20)
+
+    def receive_byte(isr):
+        raise KeyError("no such register")
+
+    k.task("a", body, priority=1)
+    k.interrupt(7, receive_byte)
+    with pytest.raises(KeyError) as caught:
+        k.run(until=50)
+    (note,) = caught.value.__notes__
+    assert note.startswith("in interrupt handler test_an_error_in_an_interrupt_handler")
+    assert note.endswith("receive_byte, which interrupted task 'a', at cycle 7")
+
+
 @pytest.mark.parametrize(
     ("request_of", "message"),
     [
@@ -41,7 +59,10 @@ def test_a_loop_that_takes_no_time_names_the_task():
         (lambda os: -5, "task 'a' yielded -5"),
         (lambda os: os.delay(-1), "delay of -1 ticks"),
         (lambda os: os.delay_until(0), "delay_until of 0 ticks"),
-        (lambda os: os.delay_until(2.5), "delay_until of 2.5 ticks"),
+        (lambda os: os.delay_until(2.5), "delay_until of 2.5 ticks; a whole number from 1 to 4294967295 is allowed"),
+        (lambda os: os.delay_until(1 << 32), "delay_until of 4294967296 ticks; 1 to 4294967295 are allowed"),
+        (lambda os: os.delay_until(2, since="now"), "delay_until since tick 'now'; a whole number from -4294967295 to"),
+        (lambda os: os.notify_take(timeout=1 << 32), "a time-out of 4294967296 ticks; 0 to 4294967295 are allowed"),
         (lambda os: os.compute(2.5), "compute for 2.5 cycles; a whole number of at least 0 is allowed"),
         (lambda os: os.mark(1 << 70), "mark with 1180591620717411303424"),
         (lambda os: os.take("lock"), "'lock' is no semaphore or mutex"),
@@ -73,8 +94,12 @@ def test_a_bad_request_says_what_is_wrong(request_of, message):
         (lambda: kernel().task("a", lambda os: None, priority=1), "no generator function"),
         (lambda: kernel().task("a", lambda os: None, priority=0), "priority 0; 1 to 7 are allowed"),
         (lambda: kernel().task("a", lambda os: None, priority=1, deadline=0), "a deadline of 0 cycles"),
-        (lambda: kernel().interrupt(-1, print), "an interrupt at cycle -1"),
-        (lambda: kernel().run(0), "run until cycle 0"),
+        (lambda: kernel().task("a", lambda os: iter(()), priority=1, deadline=2.5), "a deadline of 2.5 cycles after its release"),
+        (lambda: kernel().interrupt(-1, print), "an interrupt at cycle -1; a whole number of at least 0 is allowed"),
+        (lambda: kernel().interrupt(5, print, every=0), "an interrupt at cycle 5, every 0 cycles; a whole number of at least 1"),
+        (lambda: kernel().run(0), "run until cycle 0; a whole number of at least 1 is allowed"),
+        (lambda: kernel().run(1.5), "run until cycle 1.5; a whole number of at least 1 is allowed"),
+        (lambda: Kernel(cpu_hz=1 << 40, tick_hz=1), "a tick of 1099511627776 cycles; 1 to 1073741824 are allowed"),
     ],
 )
 def test_bad_settings_say_what_is_allowed(make, message):

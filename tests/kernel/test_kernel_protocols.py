@@ -245,18 +245,18 @@ def test_a_mutex_that_an_ended_task_kept_is_reported():
     assert k.run(until=50).deadlock == (Wait("late", "a", "keeper"),)
 
 
-def test_a_time_out_or_an_interrupt_to_come_is_no_deadlock():
-    for timeout, at in ((9, None), (None, 200)):
-        k = kernel()
-        s = k.binary("s")
+@pytest.mark.parametrize(("timeout", "at"), [(9, None), (None, 200)])
+def test_a_time_out_or_an_interrupt_to_come_is_no_deadlock(timeout, at):
+    k = kernel()
+    s = k.binary("s")
 
-        def taker(os):
-            yield os.take(s, timeout=timeout)
+    def taker(os):
+        yield os.take(s, timeout=timeout)
 
-        k.task("x", taker, priority=1)
-        if at:
-            k.interrupt(at, lambda isr: isr.give(s))
-        assert k.run(until=50).deadlock == ()
+    k.task("x", taker, priority=1)
+    if at:
+        k.interrupt(at, lambda isr: isr.give(s))
+    assert k.run(until=50).deadlock == ()
 
 
 def test_holds_and_waits_follow_the_lock():

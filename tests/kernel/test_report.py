@@ -79,7 +79,7 @@ def test_the_task_list_shows_state_and_current_priority(run):
 
 
 def test_times_outside_the_run_are_refused(run):
-    with pytest.raises(ValueError, match="window 20..300 is not inside the run 0..200"):
+    with pytest.raises(ValueError, match=r"window 20\.\.300 is not inside the run 0\.\.200"):
         runtime_stats(run, window=(20, 300))
     with pytest.raises(ValueError, match="cycle 201 is not inside"):
         task_list(run, at=201)
