@@ -39,6 +39,7 @@ from typing import Any
 import numpy as np
 
 from labkit.phases.windows import Part, Window, windows
+from labkit.scheduler.checks import whole
 from labkit.scheduler.jobs import EXCEPTION, Outcome, Releases, trace_of
 from labkit.scheduler.taft import PRIORITY, run_pairs
 from labkit.scheduler.tasksets import TaskPair
@@ -129,11 +130,13 @@ class Organiser:
     _record: list[tuple[int, Releases, Outcome]] = field(default_factory=list, init=False, repr=False)
 
     def start(self, now_ns: int = 0) -> list[Window]:
-        """Check 4.14 (5.6), partition the period by 4.18 (5.7), and start at the next multiple of the period after `now_ns`
-        (5.2).
+        """Check 4.14 (5.6), partition the period by 4.18 (5.7), and start at the next multiple of the period after `now_ns`.
+
+        That is one period later if `now_ns` is a multiple itself (5.2). The trace counts from this start.
 
         Raises:
-            ValueError: already running, a unit without parts, or a period that is too short; names the unit and the missing ns.
+            ValueError: already running, a unit without parts, a negative time, or a period that is too short; names the unit and
+                the missing ns.
         """
         if self.running:
             raise ValueError("the organiser is running already; stop it first")
@@ -141,7 +144,8 @@ class Organiser:
         if bare is not None:
             raise ValueError(f"unit {bare.name!r} has no parts; it needs at least one")
         self.windows = windows(self._chain(), self.period_ns, self.reserve_ns)
-        self.start_ns = 0 if now_ns == 0 else now_ns + self.period_ns - now_ns % self.period_ns
+        now_ns = whole(now_ns, 0, "the time of the start in ns")
+        self.start_ns = now_ns + self.period_ns - now_ns % self.period_ns
         self.periods, self.running, self.activations, self._record = 0, True, [], []
         return self.windows
 

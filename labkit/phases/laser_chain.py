@@ -26,6 +26,7 @@ import numpy as np
 
 from labkit.phases.designs import DesignRun, PhaseTimes, phase_times, run_design
 from labkit.phases.windows import Part
+from labkit.scheduler.checks import whole
 from labkit.scheduler.execution import ExecutionModel, fit_log_normal, log_normal
 from labkit.trace import jobs
 
@@ -66,10 +67,7 @@ def laser_load(
     The scans' run times are drawn first and do not depend on `periods` beyond their number. With `reprocess` the filter takes the
     same time again for the same scan, without it 0.1 ms where there is no new one.
     """
-    if periods < 1 or new_scan_every < 1:
-        raise ValueError(
-            f"{periods} periods and a scan every {new_scan_every}; there must be at least one period, and one per scan"
-        )
+    periods, new_scan_every = whole(periods, 1, "the number of periods"), whole(new_scan_every, 1, "the periods per scan")
     rng = np.random.default_rng(seed)
     scan = np.arange(periods) // new_scan_every
     scans = contour(int(scan[-1]) + 1, rng)
@@ -81,7 +79,8 @@ def laser_load(
     edge_time = np.minimum(load[::new_scan_every, edges][scan], total // 2)
     load[:, arcs], load[:, edges] = total - edge_time, edge_time
     if not reprocess:
-        load[np.ix_(np.arange(periods) % new_scan_every > 0, [arcs, edges])] = MS // 10
+        old = np.arange(periods) % new_scan_every > 0
+        load[old, arcs] = load[old, edges] = MS // 10
     return np.maximum(load, 1)
 
 

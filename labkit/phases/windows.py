@@ -13,6 +13,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import accumulate
+
+from labkit.scheduler.checks import whole
 
 
 @dataclass(frozen=True)
@@ -30,12 +33,13 @@ class Part:
 
     def __post_init__(self) -> None:
         where = f"phase {self.phase!r}, part {self.part!r}"
-        for field, least in (("ecet_ns", 1), ("wcet_ep_ns", 0)):
-            value = getattr(self, field)
-            if isinstance(value, bool) or not isinstance(value, int) or value < least:
-                raise ValueError(f"{where}: {field} is {value!r}; it must be a whole number of at least {least}")
-        if self.wcet_ns is not None and self.wcet_ns < self.ecet_ns:
-            over = self.ecet_ns - self.wcet_ns
+        object.__setattr__(self, "ecet_ns", whole(self.ecet_ns, 1, f"{where}: ecet_ns"))
+        object.__setattr__(self, "wcet_ep_ns", whole(self.wcet_ep_ns, 0, f"{where}: wcet_ep_ns"))
+        if self.wcet_ns is None:
+            return
+        object.__setattr__(self, "wcet_ns", whole(self.wcet_ns, 1, f"{where}: wcet_ns"))
+        over = self.ecet_ns - self.wcet_ns
+        if over > 0:
             raise ValueError(
                 f"{where}: the expected time {self.ecet_ns} ns exceeds the worst case {self.wcet_ns} ns by {over} ns"
             )
@@ -89,17 +93,14 @@ def check_period(chain: Sequence[Part], period_ns: int, reserve_ns: int = 0) -> 
         ValueError: it does not hold; the sentence names the phase at which the time runs out and the nanoseconds missing.
     """
     phases = phases_of(chain)
-    _whole_ns("period", period_ns, 1)
-    _whole_ns("reserve", reserve_ns, 0)
+    period_ns = whole(period_ns, 1, "the period in ns")
+    reserve_ns = whole(reserve_ns, 0, "the reserve in ns")
     room = period_ns - reserve_ns
     needed = sum(part.demand_ns for part in chain)
     if needed <= room:
         return
-    used = 0
-    for phase, parts in phases.items():
-        used += sum(part.demand_ns for part in parts)
-        if used > room:
-            break
+    used = accumulate(sum(part.demand_ns for part in parts) for parts in phases.values())
+    phase = next(name for name, end in zip(phases, used, strict=True) if end > room)
     expected = sum(part.ecet_ns for part in chain)
     reserve = f" less the reserve of {reserve_ns} ns" if reserve_ns else ""
     also = f"; the expected times alone, {expected} ns, would fit, the exception parts do not" if expected <= room else ""
@@ -143,7 +144,7 @@ def check_windows(
             or is shorter than its demand (4.17). The sentence names the phase and the nanoseconds.
     """
     phases = phases_of(chain)
-    _whole_ns("period", period_ns, 1)
+    period_ns = whole(period_ns, 1, "the period in ns")
     names = [phase for phase, _, _ in manual]
     if names != list(phases):
         raise ValueError(
@@ -151,8 +152,8 @@ def check_windows(
         )
     made = []
     for i, (phase, release, deadline) in enumerate(manual):
-        _whole_ns(f"release of phase {phase!r}", release, 0)
-        _whole_ns(f"deadline of phase {phase!r}", deadline, 1)
+        release = whole(release, 0, f"the release of phase {phase!r} in ns")
+        deadline = whole(deadline, 1, f"the deadline of phase {phase!r} in ns")
         end, demand = release + deadline, sum(part.demand_ns for part in phases[phase])
         if i + 1 < len(manual) and end > manual[i + 1][1]:
             over = end - manual[i + 1][1]
@@ -164,8 +165,3 @@ def check_windows(
             raise ValueError(f"the window of phase {phase!r} is {demand - deadline} ns too short for its {demand} ns (4.17)")
         made.append(Window(phase, release, deadline, end, demand, deadline - demand))
     return made
-
-
-def _whole_ns(what: str, value: int, least: int) -> None:
-    if isinstance(value, bool) or not isinstance(value, int) or value < least:
-        raise ValueError(f"the {what} is {value!r} ns; it must be a whole number of at least {least}")

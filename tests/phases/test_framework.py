@@ -57,10 +57,10 @@ def test_a_chain_hands_results_on():
     done = chain.run([1, 2])
     assert seen == [{"m0": (0, 10)}, {"m0": (0, 20)}]
     assert [(a.period, a.unit, a.finished_ns) for a in done] == [
-        (0, "scan", 30),
-        (0, "fuse", 46),
-        (1, "scan", 82),
-        (1, "fuse", 98),
+        (0, "scan", 52 + 30),
+        (0, "fuse", 52 + 46),
+        (1, "scan", 52 + 82),
+        (1, "fuse", 52 + 98),
     ]
 
 
@@ -71,7 +71,7 @@ def test_an_abort_keeps_the_last_result_in_time_and_closes_the_generator():
     o = Organiser([u], 16)
     o.start()
     (done,) = o.run(["x"])
-    assert done.aborted == ("main",) and done.finished_ns == 16
+    assert done.aborted == ("main",) and done.finished_ns == 16 + 16
     assert done.results == {"main": ("saved", (2, "x"))}  # steps end at 4, 8, 12; the abort comes at 14
     assert closed == ["x"]
 
@@ -81,7 +81,7 @@ def test_a_step_that_ends_at_the_abort_counts_and_completes():
     o = Organiser([u], 16)
     o.start()
     (done,) = o.run(["x"])
-    assert done.aborted == () and done.results == {"m0": (1, "x")} and done.finished_ns == 14
+    assert done.aborted == () and done.results == {"m0": (1, "x")} and done.finished_ns == 16 + 14
 
 
 def test_nothing_in_time_gives_none():
@@ -126,6 +126,19 @@ def test_starts_at_a_multiple_of_the_period_and_stops():
     o.stop()
     with pytest.raises(ValueError, match="not running"):
         o.run([1])
+
+
+@pytest.mark.parametrize(("now", "start"), [(0, 20), (1, 20), (19, 20), (20, 40), (33, 40), (40, 60)])
+def test_the_start_is_the_next_multiple_of_the_period_and_never_now(now, start):
+    """Equation 5.2, now + period - now mod period."""
+    o = Organiser([unit("a", ([5], 10, 0))], 20)
+    o.start(now)
+    assert o.start_ns == start and o.run([1])[0].finished_ns == start + 5
+
+
+def test_a_start_in_the_past_of_all_clocks_is_refused():
+    with pytest.raises(ValueError, match="the time of the start in ns is -1; a whole number of at least 0 is allowed"):
+        Organiser([unit("a", ([5], 10, 0))], 20).start(-1)
 
 
 def test_the_trace_shows_every_slice():
@@ -205,7 +218,8 @@ def test_whatever_the_parts_do_the_period_is_kept(units, spare):
     done = o.run(["x", "y"])
     assert len(log) == len(done) == 2 * len(units)  # the last action exactly once per period and unit
     for a, window in zip(done, plan * 2, strict=True):
-        assert a.period * period + window.release_ns < a.finished_ns <= a.period * period + window.end_ns
+        begin = (1 + a.period) * period
+        assert begin + window.release_ns < a.finished_ns <= begin + window.end_ns
     granted = {}
     trace = o.trace()
     for who, part, job, start, end in slices(trace).rows().tolist():
