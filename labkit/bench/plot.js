@@ -120,6 +120,7 @@ const render = ({ model, el }) => {
             do {
                 waiting = false;
                 if (gone || !shown || !width) return;
+                const line = code.textContent;
                 let { data, layout } = shown;
                 layout = { ...layout, font: { ...layout.font, size: layout.font?.size ?? FONT }, height: layout.height ?? 460 };
                 if (large) {
@@ -128,6 +129,7 @@ const render = ({ model, el }) => {
                 }
                 const first = !picture.classList.contains("js-plotly-plot");
                 await lib.react(picture, data, { ...layout, width }, { displaylogo: false, responsive: false });
+                picture.dataset.drawn = line;  // whose picture this is
                 if (first) listen();
             } while (waiting);
         } finally { drawing = false; }

@@ -145,6 +145,7 @@ def lab(chromium: Browser, tmp_path_factory: pytest.TempPathFactory) -> Iterator
     ]
     command += [f"--IdentityProvider.token={TOKEN}", f"--ServerApp.root_dir={root}", "--expose-app-in-browser", "--allow-root"]
     command += ["--LabApp.extension_manager=readonly"]
+    command += ["--ServerApp.kernel_websocket_connection_class=labkit.server.PromptConnection"]  # as `make lab` does
     folders = {
         "JUPYTER_CONFIG_DIR": "config",
         "JUPYTER_DATA_DIR": "data",
@@ -152,7 +153,9 @@ def lab(chromium: Browser, tmp_path_factory: pytest.TempPathFactory) -> Iterator
         "IPYTHONDIR": "ipython",
     }
     folders |= {"JUPYTERLAB_SETTINGS_DIR": "settings", "JUPYTERLAB_WORKSPACES_DIR": "workspaces", "HOME": "."}
-    environment = os.environ | {variable: str(home / folder) for variable, folder in folders.items()}
+    environment = (
+        os.environ | {"JUPYTER_WIDGETS_ECHO": "0"} | {variable: str(home / folder) for variable, folder in folders.items()}
+    )
     log = home / "lab.log"
     with log.open("w") as output:
         server = subprocess.Popen(command, env=environment, stdout=output, stderr=subprocess.STDOUT, start_new_session=True)

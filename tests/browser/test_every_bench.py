@@ -1,0 +1,142 @@
+"""What holds for every bench of every notebook in the page: it draws what the model gives, and nothing lies on anything.
+
+A new notebook joins by existing. Each control of each bench is moved and the bench reset.
+"""
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Locator
+
+from labkit import experiments
+from labkit.bench.plot import cards
+from labkit.experiment import Experiment, Parameter
+from tests.bench.test_bench import plain
+
+pytestmark = pytest.mark.browser
+
+NOTEBOOKS = sorted(path.name for path in (Path(__file__).parents[2] / "notebooks").glob("*.ipynb"))
+
+#: What the page draws, typed arrays as lists and gaps as null.
+DRAWN = """plot => JSON.stringify([plot.data, plot.layout.shapes ?? [], plot.layout.annotations ?? []], (key, value) =>
+    ArrayBuffer.isView(value) ? Array.from(value) : value)"""
+#: Texts that lie on each other or are cut at the edge of the picture or of their field, in words.
+FAULTS = """bench => {
+    const plot = bench.querySelector('.js-plotly-plot'), frame = plot.querySelector('.main-svg').getBoundingClientRect();
+    const seen = [...plot.querySelectorAll('.infolayer text, .xaxislayer-above text, .yaxislayer-above text')]
+        .filter(t => t.textContent.trim() && getComputedStyle(t).visibility !== 'hidden' && getComputedStyle(t).opacity > 0)
+        .map(t => ({ text: t.textContent, box: t.getBoundingClientRect() })).filter(t => t.box.width > 0);
+    const faults = [];
+    seen.forEach((a, i) => {
+        const { left, right, top, bottom } = a.box;
+        if (left < frame.left - 1 || right > frame.right + 1 || top < frame.top - 1 || bottom > frame.bottom + 1)
+            faults.push(`cut at the edge: ${a.text}`);
+        for (const b of seen.slice(i + 1))
+            if (Math.min(right, b.box.right) - Math.max(left, b.box.left) > 2
+                && Math.min(bottom, b.box.bottom) - Math.max(top, b.box.top) > 4)
+                faults.push(`on each other: ${a.text} | ${b.text}`);
+    });
+    for (const e of bench.querySelectorAll('.widget-label, .widget-readout, .lab-metric b, .lab-metric span, .lab-button'))
+        if (e.scrollWidth > e.clientWidth + 1 && e.clientWidth) faults.push(`cut word: ${e.textContent}`);
+    for (const e of bench.querySelectorAll('select')) {
+        const pen = document.createElement('canvas').getContext('2d'), style = getComputedStyle(e);
+        pen.font = `${style.fontSize} ${style.fontFamily}`;
+        const chosen = e.selectedOptions[0].text;
+        if (pen.measureText(chosen).width > e.clientWidth - 20) faults.push(`cut choice: ${chosen}`);
+    }
+    if (bench.scrollWidth > bench.clientWidth + 1) faults.push('wider than its place');
+    return faults;
+}"""
+CARDS = """bench => [...bench.querySelectorAll('.lab-metric')].map(card => [...card.children].map(e => e.textContent))"""
+
+
+def experiment_of(bench: Locator) -> Experiment:
+    """What the code line says, made afresh here."""
+    code = bench.locator(".lab-code").inner_text()
+    name = re.match(r"\w+", code)[0]
+    return eval(code, {name: getattr(experiments, name)})
+
+
+def settled(bench: Locator, code: str | None = None) -> None:
+    """Wait until the page has drawn the code line it shows (or that one), and nothing is under way."""
+    bench.page.wait_for_function(
+        """([bench, code]) => !bench.querySelector('.lab-stale')
+            && bench.querySelector('.lab-picture').dataset.drawn === (code ?? bench.querySelector('.lab-code').textContent)""",
+        arg=[bench.element_handle(), code],
+        timeout=60_000,
+    )
+
+
+def matches(drawn, fresh) -> bool:
+    """Whether all that the fresh figure says is in what is drawn (plotly may add to it)."""
+    if isinstance(fresh, dict):
+        return isinstance(drawn, dict) and all(value is None or matches(drawn.get(key), value) for key, value in fresh.items())
+    if isinstance(fresh, list):
+        return len(drawn or []) == len(fresh) and all(map(matches, drawn or [], fresh))
+    if isinstance(fresh, float) and isinstance(drawn, int | float):
+        return abs(drawn - fresh) <= 1e-9 * abs(fresh)
+    return drawn == fresh
+
+
+def check(bench: Locator, experiment: Experiment, where: str, faults: list[str]) -> None:
+    """Wait until the page shows this experiment, compare it with the model, and note what lies on what."""
+    settled(bench, experiment.code())
+    result = experiment.run()
+    fresh = plain(experiment.figure(result))
+    data, shapes, notes = json.loads(bench.locator(".js-plotly-plot").evaluate(DRAWN))
+    what = f"{where}: {experiment.code()}"
+    for i, (drawn, wanted) in enumerate(zip(data, fresh["data"], strict=True)):
+        wrong = [key for key in wanted if not matches({key: drawn.get(key)}, {key: wanted[key]})]
+        assert wrong == [], f"{what}: the page draws {wrong} of trace {i} otherwise than the model"
+    assert matches(shapes, fresh["layout"].get("shapes", [])), f"{what}: other shapes"
+    assert matches([n["text"] for n in notes], [n["text"] for n in fresh["layout"].get("annotations", [])]), (
+        f"{what}: other notes"
+    )
+    expected = [[c["text"], " · ".join([c["name"], *c["beside"]])] for c in cards(experiment.metrics(result))]
+    assert bench.evaluate(CARDS) == expected, f"{what}: other cards"
+    faults += [f"{what}: {fault}" for fault in bench.evaluate(FAULTS)]
+
+
+def move(bench: Locator, parameter: Parameter, experiment: Experiment) -> Experiment:
+    """Move one control to another allowed position; what the bench has to show then."""
+    css = f".lab-{parameter.name.replace('_', '-')}"
+    value = getattr(experiment, parameter.name)
+    if parameter.choices:
+        at = (parameter.choices.index(value) + 1) % len(parameter.choices)
+        bench.locator(f"{css} select").select_option(index=at)
+        return experiment.replace(**{parameter.name: parameter.choices[at]})
+    if parameter.type is bool:
+        bench.locator(f"{css} input").click()
+        return experiment.replace(**{parameter.name: not value})
+    if parameter.type is str:
+        return experiment
+    step = parameter.step or 1
+    up = value + step <= parameter.high
+    bench.locator(f"{css} .noUi-handle").press("ArrowRight" if up else "ArrowLeft")
+    return experiment.replace(**{parameter.name: round(value + (step if up else -step), 9)})
+
+
+@pytest.mark.parametrize("notebook", NOTEBOOKS)
+def test_every_bench_draws_what_the_model_gives(open_notebook, notebook):
+    nb = open_notebook(notebook)
+    complaints: list[str] = []
+    nb.page.on("pageerror", lambda error: complaints.append(str(error)))
+    nb.run_all(180_000)
+    benches = nb.page.locator(".lab-bench")
+    faults: list[str] = []
+    for i in range(benches.count()):
+        bench = benches.nth(i)
+        bench.scroll_into_view_if_needed()
+        settled(bench)
+        start = experiment = experiment_of(bench)
+        check(bench, start, notebook, faults)
+        for parameter in start.parameters():
+            experiment = move(bench, parameter, experiment)
+            check(bench, experiment, notebook, faults)
+        bench.locator(".lab-reset").click()
+        check(bench, start, notebook, faults)
+        assert bench.locator(".lab-error").count() == 0
+    assert complaints == []
+    assert faults == []
