@@ -72,7 +72,7 @@ class Core:
     running: Task
     isr: Interrupt
 
-    def __init__(self, tick: int, priorities: int, costs: Costs, time_slicing: bool):
+    def __init__(self, tick: int, priorities: int, costs: Costs, time_slicing: bool, most_events: int):
         self.now, self.tick, self.ticks, self.until = 0, tick, 0, 0
         self.ready = ReadyLists(priorities)
         self.delayed: list[tuple[int, int, Task]] = []
@@ -83,7 +83,7 @@ class Core:
         self.every_tick = costs.tick > 0  # else only those at which something can happen
         self.costs = costs
         self.prices: dict[Service, int] = {PRICED[name]: cycles for name, cycles in costs.by_service.items() if cycles}
-        self.journal = Journal()
+        self.journal = Journal(most_events)
         self.log = self.journal.log
         self.codes: dict[str, int] = {}
         self._sequence = 0

@@ -15,9 +15,6 @@ WIDTH = len(COLUMNS)
 #: Numbers after which the rows are packed; small enough to stay in the processor's cache.
 PAGE = 1000 * WIDTH
 
-#: More rows than this are not kept: 2.4 GB.
-MOST_ROWS = 50_000_000
-
 
 class Journal:
     """Rows in order of time, written by `log((time, kind, task, other, value, extra))`, several in one call if they are known.
@@ -26,7 +23,7 @@ class Journal:
     memory of a list of tuples. Pages become columns when a trace is read, and only those that are new since the last time.
     """
 
-    def __init__(self, most: int = MOST_ROWS) -> None:
+    def __init__(self, most: int) -> None:
         self.most = most
         self.rows: list[int] = []
         self.log = self.rows.extend

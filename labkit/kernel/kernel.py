@@ -61,6 +61,7 @@ class Kernel:
         priorities: tasks have priorities 1 to priorities - 1, the highest being most urgent; 0 is the idle task's.
         costs: what the kernel itself takes.
         time_slicing: whether tasks of equal priority take turns at every tick.
+        most_events: a run that makes more ends with a ValueError; a million take 48 MB.
 
     Attributes:
         tick: CPU cycles per tick.
@@ -69,7 +70,13 @@ class Kernel:
     """
 
     def __init__(
-        self, cpu_hz: int = 216_000_000, tick_hz: int = 1000, priorities: int = 8, costs: Costs = FREE, time_slicing: bool = True
+        self,
+        cpu_hz: int = 216_000_000,
+        tick_hz: int = 1000,
+        priorities: int = 8,
+        costs: Costs = FREE,
+        time_slicing: bool = True,
+        most_events: int = 50_000_000,
     ):
         cpu_hz, tick_hz = whole(cpu_hz, 1, "a CPU at", " Hz"), whole(tick_hz, 1, "ticks at", " Hz")
         if cpu_hz % tick_hz:
@@ -81,7 +88,7 @@ class Kernel:
         self.cpu_hz, self.priorities = cpu_hz, priorities
         self.tasks: list[Task] = []
         self._mutexes: list[Mutex] = []
-        self._core = Core(self.tick, priorities, costs, time_slicing)
+        self._core = Core(self.tick, priorities, costs, time_slicing, whole(most_events, 1, "most_events"))
         self._started = self._busy = False
         self._end = 0  # up to where it has been simulated
         self.os = Services(self, self._core)

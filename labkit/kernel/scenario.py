@@ -240,8 +240,7 @@ def run_scenario(scenario: Scenario, protocol: str = "freertos") -> Run:
 
     Errors: ValueError as from `Kernel.run`, or after `MOST_EVENTS`.
     """
-    k = Kernel(cpu_hz=1000, tick_hz=1000, priorities=scenario.priorities, time_slicing=scenario.time_slicing)
-    k.limit_events(MOST_EVENTS)
+    k = Kernel(1000, 1000, scenario.priorities, time_slicing=scenario.time_slicing, most_events=MOST_EVENTS)
     users = _users(scenario) if protocol == "ceiling" else {}
     handles: dict[str | None, Any] = {None: None}
     for spec in scenario.objects:

@@ -48,6 +48,14 @@ def test_a_scenario_can_be_replayed_under_each_protocol():
     assert taken_at("none") > taken_at("freertos")
 
 
+def test_a_run_with_too_many_events_ends(monkeypatch):
+    monkeypatch.setattr("labkit.kernel.scenario.MOST_EVENTS", 10_000)
+    busy = read_scenario(set_at(("end_tick",), 10_000_000))
+    with pytest.raises(ValueError, match="the run makes more than 10000 events, the most that are recorded") as error:
+        run_scenario(busy)
+    assert error.value.__notes__[0].startswith("in task '")
+
+
 def set_at(path, value):
     """GOOD with one place changed."""
     data = copy.deepcopy(GOOD)
