@@ -110,12 +110,12 @@ def _value(text: str, parameter: Parameter) -> Any:
 
 
 def _trace(args: argparse.Namespace) -> None:
-    from labkit.trace import describe, export_chrome, export_csv, read_log, statistics
+    from labkit.trace import describe, export_chrome, export_csv, export_npz, read_log, statistics
 
     trace, report = read_log(args.log, clock_hz=args.clock_hz)
     table = statistics(trace)
     if args.export:
-        writers = {".json": export_chrome, ".csv": export_csv}
+        writers = {".json": export_chrome, ".csv": export_csv, ".npz": export_npz}
         ending = args.export[args.export.rfind(".") :]
         if ending not in writers:
             raise ValueError(f"--export {args.export}: the ending says the format, it is one of {', '.join(writers)}")
@@ -221,7 +221,7 @@ def parser() -> argparse.ArgumentParser:
         "--clock-hz", type=int, metavar="HZ", help="clock of the 32-bit cycle counter behind the stamps, to undo its wrap"
     )
     c.add_argument("--json", action="store_true")
-    c.add_argument("--export", metavar="OUT", help="OUT.json for Perfetto or chrome://tracing, OUT.csv for the events")
+    c.add_argument("--export", metavar="OUT", help="OUT.json for Perfetto or chrome://tracing, OUT.csv or OUT.npz for the events")
     c = add("replay", _replay, "run a kernel scenario and write who ran when")
     c.add_argument("scenario", metavar="SCENARIO.json")
     c.add_argument("--timeline", metavar="T.csv", help="who consumed each tick: start,end,task")

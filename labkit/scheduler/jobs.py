@@ -162,7 +162,7 @@ def trace_of(
         order = np.lexsort((table[3], table[1], table[0]))
     columns = np.ascontiguousarray(table[[0, 2, 3, 4, 5, 6]][:, order])
     of = (*(-1 for _ in range(tasks)), *range(tasks)) if exceptions else ()
-    return Trace(*columns, names=names, hz=hz, start=0, end=until, exception_of=of)
+    return Trace.from_columns(columns, names, hz, end=until, exception_of=of)
 
 
 def _switches(jobs: Releases, outcome: Outcome, priority: np.ndarray, tasks: int, until: int) -> tuple[np.ndarray, ...]:

@@ -1,6 +1,7 @@
 """What happened: one columnar trace type, readers of logs, statistics, exporters."""
 
-from labkit.trace.export import export_chrome, export_csv, read_csv
+from labkit.trace.export import export_chrome
+from labkit.trace.files import export_csv, export_npz, read_csv, read_npz
 from labkit.trace.jobs import Jobs, Slices, jobs, slices
 from labkit.trace.log import LogError, Problem, Report, read_log
 from labkit.trace.spans import spans
@@ -17,9 +18,11 @@ __all__ = [
     "describe",
     "export_chrome",
     "export_csv",
+    "export_npz",
     "jobs",
     "read_csv",
     "read_log",
+    "read_npz",
     "slices",
     "spans",
     "statistics",

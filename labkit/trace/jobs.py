@@ -125,7 +125,11 @@ def slices(trace: Trace) -> Slices:
     names, row, start, end = names[ran], row[ran], start[ran], end[ran]
     owner, exception = owners(trace)
     task, part = owner[names], exception[names].astype(np.int64)
-    job = np.where(part == MAIN, _main_jobs(trace, task, row), _exception_jobs(trace, names, task, row))
+    numbers = np.unique(trace.extra[_rows(trace, "release", "complete", "abort")])
+    rank = _main_jobs(trace, numbers, task, row)
+    if exception.any():
+        rank = np.where(part == MAIN, rank, _exception_jobs(trace, numbers, names, task, row))
+    job = np.append(numbers, -1)[rank]
     costs = (trace.kind == CODE["overhead"]) & (trace.value > 0)
     if costs.any():
         begin = trace.time[costs]
@@ -145,8 +149,9 @@ def jobs(trace: Trace) -> Jobs:
     owner, _ = owners(trace)
     rows = {kind: _rows(trace, kind) for kind in ("release", "deadline", "complete", "abort")}
     told = np.concatenate(list(rows.values()))
-    span = int(trace.extra[told].max(initial=0)) + 1
-    keys, place = np.unique(owner[trace.task[told]] * span + trace.extra[told], return_inverse=True)
+    numbers = np.unique(trace.extra[told])
+    span = len(numbers) + 1
+    keys, place = np.unique(owner[trace.task[told]] * span + np.searchsorted(numbers, trace.extra[told]), return_inverse=True)
     at = dict(zip(rows, np.split(place, np.cumsum([len(some) for some in rows.values()])[:-1]), strict=True))
 
     def column(kind: str, values: np.ndarray) -> np.ndarray:
@@ -161,7 +166,7 @@ def jobs(trace: Trace) -> Jobs:
 
     ran = slices(trace)
     known = ran.job >= 0
-    key = ran.task[known] * span + ran.job[known]
+    key = ran.task[known] * span + np.searchsorted(numbers, ran.job[known])
     mine = np.minimum(np.searchsorted(keys, key), max(len(keys) - 1, 0))
     here = keys[mine] == key if len(keys) else np.zeros(len(key), bool)
     mine, first, part = mine[here], ran.start[known][here], ran.part[known][here]
@@ -171,7 +176,7 @@ def jobs(trace: Trace) -> Jobs:
     start[mine[::-1]] = first[::-1]  # of repeated indices the last one counts, so the first slice
     return Jobs(
         task=keys // span,
-        job=keys % span,
+        job=numbers[keys % span] if len(keys) else keys,
         release=release,
         deadline=deadline,
         start=start,
@@ -227,14 +232,14 @@ def _segments(trace: Trace) -> tuple[np.ndarray, np.ndarray]:
 
 
 class _Events:
-    """Rows of some kinds, findable by task and row and by task and job."""
+    """Rows of some kinds, findable by task and row and by task and job; jobs are known by their rank in `numbers`."""
 
-    def __init__(self, trace: Trace, *kinds: str):
+    def __init__(self, trace: Trace, numbers: np.ndarray, *kinds: str):
         row = _rows(trace, *kinds)
-        order = np.argsort(trace.task[row], kind="stable")
-        self.row = row[order]
-        self.task, self.job, self.value = trace.task[self.row], trace.extra[self.row], trace.value[self.row]
-        self._rows, self._jobs = len(trace) + 1, int(trace.extra[row].max(initial=0)) + 2
+        self.row = row[np.argsort(trace.task[row], kind="stable")]
+        self.task, self.value = trace.task[self.row], trace.value[self.row]
+        self.job = np.searchsorted(numbers, trace.extra[self.row])
+        self._rows, self._jobs = len(trace) + 1, len(numbers) + 1
         self._by_row = self.task * self._rows + self.row
         self._by_job = np.argsort(self.task * self._jobs + self.job, kind="stable")
         self._job_keys = (self.task * self._jobs + self.job)[self._by_job]
@@ -254,7 +259,7 @@ class _Events:
 
     def following(self, task: np.ndarray, job: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The lowest job of the task above this one, and the value of its event; -1: none."""
-        at = np.searchsorted(self._job_keys, task * self._jobs + np.minimum(job, self._jobs - 2), side="right")
+        at = np.searchsorted(self._job_keys, task * self._jobs + job, side="right")
         at = np.append(self._by_job, len(self.row))[at]
         return self._get(self.job, at, task), self._get(self.value, at, task)
 
@@ -268,24 +273,25 @@ class _Events:
         return self.following(task, job - 1)[0] == job
 
 
-def _main_jobs(trace: Trace, task: np.ndarray, row: np.ndarray) -> np.ndarray:
-    """The job a main part works on from this row on, see the text of the module."""
+def _main_jobs(trace: Trace, numbers: np.ndarray, task: np.ndarray, row: np.ndarray) -> np.ndarray:
+    """Rank of the job a main part works on from this row on, see the text of the module."""
     now = trace.time[row]
-    releases, ends = _Events(trace, "release"), _Events(trace, "complete", "abort")
+    releases, ends = _Events(trace, numbers, "release"), _Events(trace, numbers, "complete", "abort")
     ending = ends.next(task, row)
     begun = (ending >= 0) & (releases.value_of(task, ending) <= now)  # -1: released before the trace
     latest = releases.last(task, row)
     given_up = np.where(ends.has(task, latest), -1, latest)
     ended = ends.last(task, row)
     oldest, nominal = releases.following(task, ended)
-    known = (oldest >= 0) & (nominal <= now) & ((oldest == ended + 1) | (trace.start == 0))
+    number = np.append(numbers, -1)  # rank -1: none
+    known = (oldest >= 0) & (nominal <= now) & ((number[oldest] == number[ended] + 1) | (trace.start == 0))
     return np.where(begun, ending, np.where(ending >= 0, given_up, np.where(known, oldest, -1)))
 
 
-def _exception_jobs(trace: Trace, name: np.ndarray, task: np.ndarray, row: np.ndarray) -> np.ndarray:
-    """An exception part belongs to the last job aborted; if that was before the trace, to the one it completes."""
-    aborts = _Events(trace, "abort")
+def _exception_jobs(trace: Trace, numbers: np.ndarray, name: np.ndarray, task: np.ndarray, row: np.ndarray) -> np.ndarray:
+    """Its rank: an exception part belongs to the last job aborted; if that was before the trace, to the one it completes."""
+    aborts = _Events(trace, numbers, "abort")
     aborted = aborts.last(task, row)
-    completed = _Events(trace, "complete").next(name, row)
+    completed = _Events(trace, numbers, "complete").next(name, row)
     before = np.where(aborts.has(task, completed), -1, completed)
     return np.where(aborted >= 0, aborted, before)

@@ -197,12 +197,12 @@ def _stamps(lines: list[str], wrap: Fraction | None, problems: list[Problem]) ->
         elif line.lstrip().startswith(("#", "//")):
             comments += 1
         elif len(fields) < 3 or fields[2] not in ("0", "1"):
-            reject(f"{_short(line)} is not {FORMAT}")
+            reject(f"{told(line)} is not {FORMAT}")
         elif (time := _nanoseconds(fields[1])) is None:
-            reject(f"{_short(fields[1])} is not a time in microseconds")
+            reject(f"{told(fields[1])} is not a time in microseconds")
         elif time >= limit:
             reach = "any recording lasts" if wrap is None else "a 32-bit counter of this clock can reach"
-            reject(f"{_short(fields[1])} us is more than {reach}")
+            reject(f"{told(fields[1])} us is more than {reach}")
         else:
             name = fields[0].strip()
             if name not in codes and name not in faults:
@@ -215,7 +215,7 @@ def _stamps(lines: list[str], wrap: Fraction | None, problems: list[Problem]) ->
                 continue
             stamps.append((number, time, codes[name], fields[2] == "1"))
             if "\ufffd" in name:
-                problems.append(Problem(number, f"{_short(name)} has bytes that are not UTF-8", "repaired", "shown as \ufffd"))
+                problems.append(Problem(number, f"{told(name)} has bytes that are not UTF-8", "repaired", "shown as \ufffd"))
     return list(codes), np.array(stamps, np.int64).reshape(-1, 4), comments, empty
 
 
@@ -230,10 +230,10 @@ def _nanoseconds(text: str) -> int | None:
 
 def _name_fault(name: str) -> str:
     if not name.isprintable():
-        return f"the name {_short(name)} has control characters in it"
+        return f"the name {told(name)} has control characters in it"
     row = name.rsplit(None, 2)
     if len(row) == 3 and row[1] in "XRBSD" and row[2].isdigit():
-        return f"{_short(name)}... is a row of FreeRTOS's task list, not a stamp"
+        return f"{told(name)}... is a row of FreeRTOS's task list, not a stamp"
     return ""
 
 
@@ -323,7 +323,8 @@ def _count(number: int, noun: str) -> str:
     return f"{number} {noun}" + ("" if number == 1 else "s")
 
 
-def _short(text: str) -> str:
+def told(text: str) -> str:
+    """Text from outside for a line of output: short, in quotes, with escapes for what is not printable."""
     text = text.strip()
     return repr(text if len(text) <= 60 else text[:57] + "...")
 

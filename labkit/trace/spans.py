@@ -137,7 +137,7 @@ def spans(trace: Trace) -> pd.DataFrame:
     """
     import pandas as pd
 
-    tables = {core: _span_table(part) for core, part in trace.cores().items()}
+    tables = {core: span_table(part) for core, part in trace.cores().items()}
     table = {key: np.concatenate([some[key] for some in tables.values()]) for key in next(iter(tables.values()))}
     order = np.lexsort((table["depth"], table["opened"], table["start"]))
     columns = {key: table[key][order] for key in ("start", "end", "duration", "self", "depth", "complete")}
@@ -147,7 +147,7 @@ def spans(trace: Trace) -> pd.DataFrame:
     return pd.DataFrame({"name": pd.Series(names, dtype=object), **columns})
 
 
-def _span_table(trace: Trace) -> dict[str, np.ndarray]:
+def span_table(trace: Trace) -> dict[str, np.ndarray]:
     """The columns of `spans` of one core as arrays, in no order; names as codes, the kernel's being one more than there are."""
     runs = _runs(trace)
     kinds = runs, _overheads(trace), _paired(trace)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from labkit.trace.jobs import jobs
-from labkit.trace.spans import KERNEL, _span_table
+from labkit.trace.spans import KERNEL, span_table
 from labkit.trace.trace import Trace
 
 if TYPE_CHECKING:
@@ -69,7 +69,7 @@ def statistics(trace: Trace) -> pd.DataFrame:
     )  # a row is a name on a core: its code is that of the name, plus len(names) for each core before
     tables, active, tasks = [], [], []
     for first, part in zip(range(0, size, len(names)), cores.values(), strict=True):
-        table, done = _span_table(part), jobs(part)
+        table, done = span_table(part), jobs(part)
         begun, at = _activations(part, table)
         tables.append({**table, "name": table["name"] + first})
         active.append((begun + first, at))

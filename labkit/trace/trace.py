@@ -56,12 +56,31 @@ class Trace:
     ) -> Trace:
         """Build a trace from tuples in the order of `COLUMNS`, already in order of time."""
         table = np.array(rows, dtype=np.int64).reshape(-1, len(COLUMNS))
-        if np.any(np.diff(table[:, 0]) < 0):
-            at = int(np.argmax(np.diff(table[:, 0]) < 0)) + 1
-            late, before = table[at, 0], table[at - 1, 0]
-            raise ValueError(f"event {at} at time {late} comes after one at {before}; a trace is in order of time")
-        columns = np.ascontiguousarray(table.T)
-        return cls(*columns, names=tuple(names), hz=hz, start=start, end=end, exception_of=tuple(exception_of))
+        return cls.from_columns(np.ascontiguousarray(table.T), names, hz, end=end, start=start, exception_of=exception_of)
+
+    @classmethod
+    def from_columns(
+        cls,
+        columns: np.ndarray,
+        names: Iterable[str],
+        hz: int,
+        *,
+        end: int,
+        start: int = 0,
+        exception_of: Iterable[int] = (),
+        core: np.ndarray | None = None,
+    ) -> Trace:
+        """Build a trace from an int64 array of shape (6, n), its rows in the order of `COLUMNS`, already in order of time.
+
+        Raises:
+            ValueError: an event is earlier than the one before it.
+        """
+        time, kind, task, other, value, extra = columns
+        back = time[1:] < time[:-1]
+        if back.any():
+            at = int(np.argmax(back)) + 1
+            raise ValueError(f"event {at} at time {time[at]} comes after one at {time[at - 1]}; a trace is in order of time")
+        return cls(time, kind, task, other, value, extra, tuple(names), hz, start, end, tuple(exception_of), core)
 
     def __len__(self) -> int:
         return len(self.time)
@@ -105,6 +124,8 @@ class Trace:
         table = self.rows(*kinds)
         names = np.array([*self.names, None], dtype=object)  # index -1 is the None
         frame = pd.DataFrame(table, columns=list(COLUMNS))
+        if self.core is not None:
+            frame["core"] = self.core[self.of(*kinds)] if kinds else self.core
         frame["kind"] = np.array(KINDS, dtype=object)[table[:, 1]]
         for column in ("task", "other"):  # as object: pandas would turn None into NaN in one column and not in another
             frame[column] = pd.Series(names[frame[column]], dtype=object)

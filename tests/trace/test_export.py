@@ -1,7 +1,9 @@
-"""Chrome/Perfetto JSON and CSV."""
+"""Chrome/Perfetto JSON, CSV and npz."""
 
 import io
 import json
+import zipfile
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from labkit.trace import LogError, Trace, export_chrome, export_csv, read_csv, read_log
+from labkit.trace import LogError, Trace, export_chrome, export_csv, export_npz, read_csv, read_log, read_npz
 from labkit.trace.kinds import CODE, KINDS
 from labkit.trace.trace import COLUMNS
 
@@ -25,11 +27,16 @@ def traces(draw):
     times = sorted(draw(st.lists(st.integers(-(2**60), 2**60), max_size=12)))
     rows = [(t, draw(st.integers(0, len(KINDS) - 1)), draw(code), draw(code), draw(INT64), draw(INT64)) for t in times]
     start, end = (times[0], times[-1]) if times else (0, 0)
-    return Trace.from_rows(rows, names, draw(st.integers(1, 10**12)), start=start, end=end)
+    of = draw(st.one_of(st.just([]), st.lists(code, min_size=len(names), max_size=len(names))))
+    trace = Trace.from_rows(rows, names, draw(st.integers(1, 10**12)), start=start, end=end, exception_of=of)
+    core = st.lists(st.integers(0, 3), min_size=len(rows), max_size=len(rows)).map(lambda made: np.array(made, dtype=np.int64))
+    return replace(trace, core=draw(st.one_of(st.none(), core)))
 
 
 def same(a, b):
-    return (a.rows() == b.rows()).all() and (a.names, a.hz, a.start, a.end) == (b.names, b.hz, b.start, b.end)
+    cores = a.core is b.core is None or np.array_equal(a.core, b.core)
+    heads = [(t.names, t.hz, t.start, t.end, t.exception_of) for t in (a, b)]
+    return np.array_equal(a.rows(), b.rows()) and cores and heads[0] == heads[1]
 
 
 @given(traces())
@@ -37,6 +44,84 @@ def test_csv_gives_the_identical_trace_back(trace):
     file = io.StringIO(newline="")
     export_csv(trace, file)
     assert same(read_csv(io.StringIO(file.getvalue(), newline="")), trace)
+
+
+@given(traces())
+def test_npz_gives_the_identical_trace_back(trace):
+    file = io.BytesIO()
+    export_npz(trace, file)
+    with np.load(io.BytesIO(file.getvalue()), allow_pickle=False) as columns:
+        assert np.array_equal(columns["time"], trace.time)
+    assert same(read_npz(io.BytesIO(file.getvalue())), trace)
+
+
+@given(st.binary(max_size=40), st.data())
+def test_a_damaged_npz_is_refused_or_read_but_nothing_else_happens(noise, data):
+    file = io.BytesIO()
+    export_npz(Trace.from_rows([(i, 0, 0, -1, 0, 0) for i in range(30)], ["A"], 1, end=30), file)
+    at = data.draw(st.integers(0, len(file.getvalue())))
+    damaged = file.getvalue()[:at] + noise + file.getvalue()[at + len(noise) :]
+    try:
+        read_npz(io.BytesIO(damaged))
+    except LogError as error:
+        assert "\n" not in str(error)
+
+
+def npz_of(**members):
+    file = io.BytesIO()
+    with zipfile.ZipFile(file, "w") as archive:
+        for name, content in members.items():
+            with archive.open(f"{name}.npy", "w") as member:
+                if isinstance(content, bytes):
+                    member.write(content)
+                else:
+                    np.lib.format.write_array(member, content)
+    return io.BytesIO(file.getvalue())
+
+
+GOOD = {name: np.zeros(2, np.int64) for name in COLUMNS}
+NPZ_HEAD = np.frombuffer(b'{"hz": 1, "start": 0, "end": 9, "names": ["A"]}', np.uint8)
+ENDLESS = (
+    b"\x93NUMPY\x01\x00\x76\x00" + b"{'descr': '<i8', 'fortran_order': False, 'shape': (1099511627776,), }".ljust(117) + b"\n"
+)
+
+
+@pytest.mark.parametrize(
+    ("members", "message"),
+    [
+        ({}, "not a trace as npz, which has a column head"),
+        ({"head": NPZ_HEAD}, "which has a column time"),
+        ({**GOOD, "head": NPZ_HEAD[1:]}, "its head must be JSON"),
+        ({**GOOD, "head": NPZ_HEAD, "time": np.zeros(3, np.int64)}, "columns of different lengths, 2 to 3 events"),
+        ({**GOOD, "head": NPZ_HEAD, "time": np.zeros(2)}, "time must be one row of int64"),
+        ({**GOOD, "head": NPZ_HEAD, "time": np.array([object()])}, "time must be one row of int64"),
+        ({**GOOD, "head": NPZ_HEAD, "time": ENDLESS}, "time must be one row of int64"),
+        ({**GOOD, "head": NPZ_HEAD, "time": np.array([4, 3])}, "event 1 at time 3 comes after one at 4"),
+        ({**GOOD, "head": NPZ_HEAD, "kind": np.array([0, 99])}, "event 1 has kind 99; 0 to"),
+        ({**GOOD, "head": NPZ_HEAD, "task": np.array([1, 0])}, "event 0 has task 1; -1 to 0 are allowed"),
+        ({**GOOD, "head": NPZ_HEAD, "core": np.array([0, -2])}, "event 1 is on core -2"),
+    ],
+)
+def test_what_is_no_npz_of_a_trace_is_told_in_one_sentence(members, message):
+    with pytest.raises(LogError, match=r"^[^\n]+$") as error:
+        read_npz(npz_of(**members))
+    assert message in str(error.value)
+
+
+def test_a_name_that_csv_cannot_hold_is_refused_on_both_sides():
+    with pytest.raises(ValueError, match="a name of 200000 characters"):
+        export_csv(Trace.from_rows([], ["A" * 200_000], 1, end=0), io.StringIO())
+    with pytest.raises(LogError, match="field larger than field limit"):
+        read_csv(io.StringIO(HEAD + "1,switch," + "A" * 200_000 + ",,0,0\r\n", newline=""))
+    file = io.BytesIO()
+    long = Trace.from_rows([], ["A" * 200_000], 1, end=0)
+    export_npz(long, file)
+    assert same(read_npz(io.BytesIO(file.getvalue())), long)
+
+
+def test_names_from_outside_reach_no_message_raw():
+    with pytest.raises(LogError, match=r"^[^\n\r]+$"):
+        read_csv(io.StringIO(HEAD + '1,"swi\r\ntch",A,,0,0\r\n', newline=""))
 
 
 def test_csv_on_disk_is_readable_by_pandas_too(tmp_path):
@@ -115,3 +200,12 @@ def test_chrome_times_are_microseconds_and_other_kinds_are_instants(tmp_path):
 @given(traces())
 def test_any_trace_makes_valid_json(trace):
     assert np.isfinite([e["ts"] for e in chrome(trace) if "ts" in e]).all()
+
+
+def test_each_core_is_a_process_of_its_own():
+    rows = [(0, "begin", 0), (1, "begin", 0), (2, "end", 0), (3, "end", 0)]
+    trace = Trace.from_rows([(time, CODE[kind], name, -1, 0, 0) for time, kind, name in rows], ["f"], 1_000_000, end=3)
+    file = io.StringIO()
+    export_chrome(replace(trace, core=np.array([0, 1, 1, 0])), file)
+    spans = [(e["pid"], e["ts"], e["dur"]) for e in json.loads(file.getvalue())["traceEvents"] if e["ph"] == "X"]
+    assert spans == [(1, 0, 3), (2, 1, 1)]
