@@ -13,7 +13,8 @@ from typing_extensions import Doc
 from labkit.experiment import Experiment, Feedback, Metric, progress
 from labkit.figures.curves import Curve, curves
 from labkit.figures.margins import reserve
-from labkit.figures.style import BLUE, GREEN, GREY, INK, LEGEND, ORANGE, PURPLE, VERMILION, layout
+from labkit.figures.panel import stack
+from labkit.figures.style import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, VERMILION, axis
 from labkit.scheduler.analysis import (
     UndecidedError,
     accept_edf,
@@ -52,7 +53,7 @@ class Filters:
     taft: Trace
 
 
-class ExpectedTime(Experiment):
+class ExpectedTime(Experiment[Filters]):
     """What does planning with the worst case cost?
 
     Several contour filters share a processor, all with the same period and released together. Their longest run takes
@@ -154,7 +155,7 @@ LOADS = (*range(50, 105, 5), 101, *range(120, 300, 20))  # %: closer together wh
 SETS = 1000  # drawn for each load
 
 
-class AcceptanceCurves(Experiment):
+class AcceptanceCurves(Experiment[dict[str, list[float]]]):
     """Which share of random task sets does each test accept?
 
     UUniFast sets with log-uniform periods; the axis is the utilisation by worst-case times. TAFT plans the same tasks with
@@ -202,28 +203,17 @@ class AcceptanceCurves(Experiment):
 
     def figure(self, result: dict[str, list[float]]) -> dict[str, Any]:
         lines = [Curve(name, LOADS, result[name], colour, dash) for name, (colour, dash) in TESTS.items()]
-        data, axes = curves(
-            lines,
-            "utilisation by worst-case times [%]",
-            "accepted sets [%]",
-            y_range=(-3, 106),
-            range=[46, 284],
-            dtick=20,
-            tick0=60,
-        )
+        x = axis("utilisation by worst-case times [%]", range=[46, 284], dtick=20, tick0=60)
         whole = {
             "type": "line",
             "x0": 100,
             "x1": 100,
-            "yref": "paper",
+            "yref": "y domain",
             "y0": 0,
             "y1": 1,
             "line": {"color": INK, "width": 1.5, "dash": "dot"},
         }
-        return {
-            "data": data,
-            "layout": layout(500, **axes, shapes=[whole], legend=LEGEND, margin={"l": 70, "r": 20, "t": 40, "b": 54}),
-        }
+        return stack(curves(lines, x, axis("accepted sets [%]", range=[-3, 106]), shapes=[whole]), height=500)
 
     def metrics(self, result: dict[str, list[float]]) -> list[Metric]:
         return [

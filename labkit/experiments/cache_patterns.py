@@ -25,10 +25,11 @@ from labkit.cache import (
     timeline,
 )
 from labkit.cache.records import Access
-from labkit.experiment import Experiment, Labels, Metric, Feedback, progress
+from labkit.experiment import Experiment, Feedback, Labels, Metric, View, progress
 from labkit.figures.cache_map import cache_map
 from labkit.figures.curves import Curve, curves
-from labkit.figures.style import BLUE, INK, ORANGE, SKY, VERMILION, axis, layout
+from labkit.figures.panel import Panel, stack
+from labkit.figures.style import BLUE, FONT, INK, ORANGE, SKY, VERMILION, axis
 
 LINE = 32  # bytes, of the Cortex-M7
 POLICIES = {
@@ -71,7 +72,7 @@ class Walk:
     step: int
 
 
-class CacheMap(Experiment):
+class CacheMap(Experiment[Walk]):
     """What is in the cache after each access, and why did this one miss?
 
     A pattern of accesses goes through a small data cache with lines of 32 bytes; `step` is how many have happened. Above the map of
@@ -157,7 +158,7 @@ STRIDES = tuple(4 << n for n in range(11))
 VISITS = 4  # rounds of MissRates
 
 
-class MissRates(Experiment):
+class MissRates(Experiment[dict[str, list[float | None]]]):
     """When does a walk over the same elements miss: too much data, too few ways, or the wrong stride?
 
     A number of elements, `stride` bytes apart, is visited four times. Each panel varies one thing and keeps the others where the
@@ -197,30 +198,19 @@ class MissRates(Experiment):
         }
 
     def figure(self, result: dict[str, list[float | None]]) -> dict[str, Any]:
-        panels = (
-            ("size", SIZES, [str(s) if s < 1024 else f"{s // 1024}K" for s in SIZES], "size of the cache [bytes]", BLUE),
-            ("ways", WAYS, list(map(str, WAYS)), "lines per set (ways)", VERMILION),
-            ("stride", STRIDES, [str(s) if s < 1024 else f"{s // 1024}K" for s in STRIDES], "stride [bytes]", ORANGE),
+        kib = [[str(v) if v < 1024 else f"{v // 1024}K" for v in values] for values in (SIZES, STRIDES)]
+        drawn = (
+            ("size", SIZES, kib[0], "size of the cache [bytes]", BLUE),
+            ("ways", WAYS, [str(w) for w in WAYS], "lines per set (ways)", VERMILION),
+            ("stride", STRIDES, kib[1], "stride [bytes]", ORANGE),
         )
-        data, axes = [], {}
-        for i, (key, values, ticks, title, colour) in enumerate(panels):
-            line = Curve(f"over {key}", list(range(len(values))), result[key], colour, mark=values.index(getattr(self, key)))
-            start = (0, 0.38, 0.67)[i]
-            more, made = curves(
-                [line],
-                title,
-                "misses [%]" if i == 0 else "",
-                (start, (0.33, 0.62, 1)[i]),
-                str(i + 1) if i else "",
-                y_range=(-4, 106),
-                legend=False,
-                tickvals=list(range(len(values))),
-                ticktext=ticks,
-                range=[-0.4, len(values) - 0.6],
-            )
-            data += more
-            axes |= made
-        return {"data": data, "layout": layout(400, **axes, margin={"l": 70, "r": 20, "t": 20, "b": 50})}
+        panels = []
+        for i, (key, values, ticks, title, colour) in enumerate(drawn):
+            line = Curve(f"over {key}", range(len(values)), result[key], colour, mark=values.index(getattr(self, key)))
+            x = axis(title, tickvals=list(range(len(values))), ticktext=ticks, range=[-0.4, len(values) - 0.6])
+            y = axis("" if i else "misses [%]", range=[-4, 106])
+            panels.append(curves([line], x, y, legend=False, width=len(values), left=50 if i else 74))
+        return stack(panels, height=400, legend=False)
 
     def metrics(self, result: dict[str, list[float | None]]) -> list[Metric]:
         lines = len(np.unique(self.references(self.stride).address // LINE))
@@ -238,7 +228,7 @@ ORDERS = patterns.ORDERS
 CAUSES = {"compulsory": SKY, "capacity": ORANGE, "conflict": VERMILION}
 
 
-class MatrixOrders(Experiment):
+class MatrixOrders(Experiment[dict[str, MissClasses]]):
     """Same product, same numbers: which order of the three loops misses least?
 
     C = A B with n x n numbers of 4 bytes, C zero at first and added to at every step; all six orders of the loops, each miss by its cause.
@@ -258,7 +248,7 @@ class MatrixOrders(Experiment):
         Doc("capacity of the cache"),
     ] = 1024
     ways: Annotated[Literal[1, 2, 4], Doc("lines per set")] = 4
-    order: Annotated[Literal[ORDERS], Doc("the one whose numbers are shown, loops from outside to inside")] = "ijk"
+    order: Annotated[Literal[ORDERS], View(), Doc("the one whose numbers are shown, loops from outside to inside")] = "ijk"
 
     def run(self) -> dict[str, MissClasses]:
         geometry, result = Geometry(self.size, self.ways, LINE), {}
@@ -268,10 +258,11 @@ class MatrixOrders(Experiment):
         return result
 
     def figure(self, result: dict[str, MissClasses]) -> dict[str, Any]:
-        data = [
+        places = list(range(len(ORDERS)))
+        drawn: list[dict[str, Any]] = [
             {
                 "type": "bar",
-                "x": list(range(6)),
+                "x": places,
                 "y": [getattr(result[o], cause) for o in ORDERS],
                 "name": cause,
                 "width": 0.62,
@@ -281,53 +272,41 @@ class MatrixOrders(Experiment):
             for cause, colour in CAUSES.items()
         ]
         totals = [result[o].total for o in ORDERS]
-        data.append(
+        tops = [max(t, result[o].compulsory + result[o].capacity) for t, o in zip(totals, ORDERS, strict=True)]
+        drawn.append(
             {
                 "type": "scatter",
                 "mode": "markers",
-                "x": list(range(6)),
+                "x": places,
                 "y": totals,
                 "name": "all misses",
                 "hovertemplate": "%{y} misses<extra></extra>",
                 "marker": {"symbol": "line-ew", "size": 56, "line": {"width": 4, "color": INK}},
             }
         )
-        data.append(
+        drawn.append(
             {
                 "type": "scatter",
                 "mode": "text",
-                "x": list(range(6)),
-                "y": [max(t, result[o].compulsory + result[o].capacity) for t, o in zip(totals, ORDERS, strict=True)],
+                "x": places,
+                "y": tops,
                 "text": [f"<b>{t:,}</b>".replace(",", "\u202f") for t in totals],
                 "textposition": "top center",
+                "textfont": {"size": FONT},
                 "showlegend": False,
                 "hoverinfo": "skip",
             }
         )
-        lowest, highest = (
-            min(0, *(result[o].conflict for o in ORDERS)),
-            max(max(r.total, r.compulsory + r.capacity) for r in result.values()),
-        )
-        return {
-            "data": data,
-            "layout": layout(
-                430,
-                barmode="relative",
-                margin={"l": 84, "r": 20, "t": 40, "b": 50},
-                xaxis=axis(
-                    "order of the loops, from outside to inside",
-                    tickvals=list(range(6)),
-                    ticktext=[f"<b>{' '.join(o)}</b>" for o in ORDERS],
-                    showgrid=False,
-                ),
-                yaxis=axis("lines missed", range=[1.1 * lowest, 1.18 * highest], zeroline=True, zerolinecolor=INK),
-            ),
-        }
+        lowest = min(0, *(result[o].conflict for o in ORDERS))
+        names = [f"<b>{' '.join(o)}</b>" for o in ORDERS]
+        x = axis("order of the loops, from outside to inside", tickvals=places, ticktext=names, showgrid=False)
+        y = axis("lines missed", range=[1.1 * lowest, 1.18 * max(tops)], zeroline=True, zerolinecolor=INK)
+        return stack(Panel(drawn, y, x, left=84), height=440, barmode="relative")
 
     def metrics(self, result: dict[str, MissClasses]) -> list[Metric]:
         mine, steps = result[self.order], self.n**3
         return [
-            Metric(f"misses of {self.order}", mine.total, f"in {4 * steps} accesses"),
+            Metric("misses of the order shown", mine.total, f"in {4 * steps} accesses"),
             Metric("compulsory", mine.compulsory, "lines"),
             Metric("capacity", mine.capacity, "lines"),
             Metric("conflict", mine.conflict, "lines"),

@@ -12,10 +12,11 @@ from typing_extensions import Doc
 
 from labkit.cache.timing import Cost, Timing, Work, run_cost, wait_states
 from labkit.data import published
-from labkit.experiment import Experiment, Labels, Metric, Feedback
+from labkit.experiment import Experiment, Feedback, Labels, Metric, View
 from labkit.figures.comparison import Bar, Factor, Pair, dumbbells, factors, stacked
 from labkit.figures.curves import Curve, curves
-from labkit.figures.style import BLUE, GREEN, GREY, INK, LEGEND, ORANGE, PALE, SKY, VERMILION, colours, layout
+from labkit.figures.panel import stack
+from labkit.figures.style import BLUE, FONT, GREEN, GREY, INK, ORANGE, PALE, SKY, VERMILION, axis, colours
 
 PLATFORMS = ("micro-ROS", "FreeRTOS")
 RATES = ("50|30", "100|50")
@@ -76,10 +77,10 @@ GUESSED = {
     "pose_micro_ROS": ("micro-ROS", "p_ctrl"),
     "link_check": ("micro-ROS", "EthLink"),
 }
-Guess = Annotated[float, Interval(ge=0.5, le=10), MultipleOf(0.5), Unit("×")]
+Guess = Annotated[float, Interval(ge=0.5, le=10), MultipleOf(0.5), Unit("×"), View()]
 
 
-class SpeedupGuess(Experiment):
+class SpeedupGuess(Experiment[dict[str, tuple[float, ...]]]):
     """How many times faster does each task of the robot get when both caches go on?
 
     One slider per task; `reveal` shows the factors of both recordings (50|30 and 100|50 Hz). `link_check` is EthLink, which asks the
@@ -91,7 +92,7 @@ class SpeedupGuess(Experiment):
     pose_ctrl: Annotated[Guess, Doc("your guess for the pose controller under FreeRTOS")] = 1.0
     pose_micro_ROS: Annotated[Guess, Doc("your guess for the same controller as a callback under micro-ROS")] = 1.0
     link_check: Annotated[Guess, Doc("your guess for the task that asks the network chip for its link")] = 1.0
-    reveal: Annotated[bool, Doc("show what was measured")] = False
+    reveal: Annotated[bool, View(), Doc("show what was measured")] = False
 
     def run(self) -> dict[str, tuple[float, ...]]:
         """Measured factors of each task, one per pair of recordings."""
@@ -108,8 +109,8 @@ class SpeedupGuess(Experiment):
             )
             for key, (_, name) in GUESSED.items()
         ]
-        data, axes, shapes = factors(rows, "time without caches / time with caches", 0, 10.2, guess="your guess")
-        return {"data": data, "layout": layout(390, **axes, shapes=shapes, barmode="overlay")}
+        x = axis("time without caches / time with caches", range=[0, 10.2])
+        return stack(factors(rows, x, guess="your guess"), height=390, keys=["measured (source 1)"])
 
     def metrics(self, result: dict[str, tuple[float, ...]]) -> list[Metric]:
         found = []
@@ -128,7 +129,7 @@ class SpeedupGuess(Experiment):
         return found
 
 
-class PublishedSpeedups(Experiment):
+class PublishedSpeedups(Experiment[dict[str, list[Pair]]]):
     """What did the caches bring? All of tables 2 to 9 as one picture.
 
     Each row is a task, each line one pair of recordings: open without caches, filled with both caches on.
@@ -222,7 +223,7 @@ def parts(cost: Cost, unit: float) -> list[float]:
     return [cost.compute / unit, cost.code / unit, cost.data / unit, cost.insensitive / unit]
 
 
-class TimingModel(Experiment):
+class TimingModel(Experiment[tuple[Cost, Cost]]):
     """Which prices make a task three times faster?
 
     One job of a program, priced without and with caches. Only the wait states are known (RM0410); every other slider is an assumption.
@@ -262,23 +263,15 @@ class TimingModel(Experiment):
     def figure(self, result: tuple[Cost, Cost]) -> dict[str, Any]:
         off, on = result
         bars = [Bar("caches off", parts(off, INSTRUCTIONS)), Bar("caches on", parts(on, INSTRUCTIONS))]
-        high = 1.05 * max(off.total, on.total) / INSTRUCTIONS
-        data, axes = stacked(bars, PARTS, "cycles per instruction", (0, 0.4), high)
+        cycles = axis("cycles per instruction", range=[0, 1.05 * max(off.total, on.total) / INSTRUCTIONS])
         rows = [
             Factor(f"{name}, {platform}", [measured_factor(platform, name, rates) for rates in RATES], INK)
             for platform, name in (*[key for key in CLAIMS if key[1] != "IDLE"], ("micro-ROS", "EthIf"), ("micro-ROS", "EthLink"))
         ]
         factor = off.total / on.total
-        more, right, shapes = factors(
-            rows, "time without caches / time with caches", 0, max(8.2, factor * 1.05), (0.64, 1), "2", line=factor
-        )
-        data[-1]["showlegend"] = False
-        return {
-            "data": data + more,
-            "layout": layout(
-                460, **axes, **right, shapes=shapes, barmode="stack", margin={"l": 70, "r": 20, "t": 44, "b": 50}, legend=LEGEND
-            ),
-        }
+        ratio = axis("time without caches / time with caches", range=[0, max(8.2, factor * 1.05)])
+        panels = [stacked(bars, PARTS, cycles), factors(rows, ratio, line=factor, left=220)]
+        return stack(panels, height=460, barmode="stack", keys=["measured (source 1)"])
 
     def metrics(self, result: tuple[Cost, Cost]) -> list[Metric]:
         off, on = result
@@ -306,6 +299,7 @@ class Explanation:
         work: of `JOBS` jobs. off, on: its costs at 216 MHz. target: the measured cycles of `JOBS` jobs without and with caches.
         balance: cycles no cache changes that the two equations ask for; below 0 there is no such program.
         slopes: (wait states, cycles of a job without, with caches) at every 27 MHz.
+        warm: the same of the program that explains the times with caches that are never cold.
     """
 
     work: Work
@@ -314,6 +308,7 @@ class Explanation:
     target: tuple[float, float]
     balance: float
     slopes: list[tuple[int, float, float]]
+    warm: list[tuple[int, float, float]]
 
 
 JOBS = 1000
@@ -327,7 +322,7 @@ CONTROL = {
 }
 
 
-class Explanations(Experiment):
+class Explanations(Experiment[Explanation]):
     """How many different programs explain one measurement?
 
     For the prices and the coldness you choose, the two measured times give two equations. They are solved for the number of
@@ -355,28 +350,33 @@ class Explanations(Experiment):
             data_fill=self.data_fill,
         )
 
-    def run(self) -> Explanation:
-        rows = (recordings()[CONTROL[self.task], "100|50", caches][self.task] for caches in ("off", "on"))
-        target_off, target_on = (row.mean * CLOCK * JOBS for row in rows)
-        unit = program(10**6, self.coldness)  # what one instruction costs, to six digits
+    def solved(self, coldness: int) -> tuple[Work, float]:
+        """The program that takes the measured times with such caches, and the balance of the two equations."""
+        target_off, target_on = self.target()
+        unit = program(10**6, coldness)  # what one instruction costs, to six digits
         off, on = (run_cost(unit, self.timing(), icache=caches, dcache=caches).total / 10**6 for caches in (False, True))
         saved = max(off - on, 1e-3)  # caches that cost more than they save explain nothing; the balance is then far below 0
         instructions = round((target_off - target_on) / saved)
         balance = target_on - on * instructions
-        work = program(instructions, self.coldness, insensitive=max(0, round(balance)))
-        slopes = []
+        return program(instructions, coldness, insensitive=max(0, round(balance))), balance
+
+    def target(self) -> tuple[float, float]:
+        """The measured cycles of `JOBS` jobs without and with caches."""
+        off, on = (recordings()[CONTROL[self.task], "100|50", caches][self.task].mean for caches in ("off", "on"))
+        return off * CLOCK * JOBS, on * CLOCK * JOBS
+
+    def slopes(self, work: Work) -> list[tuple[int, float, float]]:
+        """(wait states, cycles of a job without, with caches) at every 27 MHz."""
+        found = []
         for clock in range(27, CLOCK + 1, 27):
-            pair = (run_cost(work, self.timing(clock), icache=caches, dcache=caches).total / JOBS for caches in (False, True))
-            slopes.append((wait_states(clock * MHZ), *pair))
-        timing = self.timing()
-        return Explanation(
-            work,
-            run_cost(work, timing, icache=False, dcache=False),
-            run_cost(work, timing),
-            (target_off, target_on),
-            balance,
-            slopes,
-        )
+            off, on = (run_cost(work, self.timing(clock), icache=caches, dcache=caches).total / JOBS for caches in (False, True))
+            found.append((wait_states(clock * MHZ), off, on))
+        return found
+
+    def run(self) -> Explanation:
+        (work, balance), (warm, _) = self.solved(self.coldness), self.solved(0)
+        off, on = (run_cost(work, self.timing(), icache=caches, dcache=caches) for caches in (False, True))
+        return Explanation(work, off, on, self.target(), balance, self.slopes(work), self.slopes(warm))
 
     def figure(self, result: Explanation) -> dict[str, Any]:
         us = CLOCK * JOBS  # cycles of JOBS jobs in a microsecond of one
@@ -384,56 +384,35 @@ class Explanations(Experiment):
             Bar("caches off", parts(result.off, us), result.target[0] / us),
             Bar("caches on", parts(result.on, us), result.target[1] / us),
         ]
-        data, axes = stacked(
-            bars, PARTS, "time of one job at 216 MHz [us]", (0, 0.44), 1.1 * max(result.target[0], result.off.total) / us
-        )
-        warm = Explanations(**{**self.model_dump(), "coldness": 0}).run() if self.coldness else result
         at = [s[0] for s in result.slopes]
         lines = [
-            Curve("caches off, never cold", at, [s[1] for s in warm.slopes], GREY, "dash"),
-            Curve("caches on, never cold", at, [s[2] for s in warm.slopes], GREY, "dash"),
+            Curve("caches off, never cold", at, [s[1] for s in result.warm], GREY, "dash"),
+            Curve("caches on, never cold", at, [s[2] for s in result.warm], GREY, "dash"),
             Curve("caches off", at, [s[1] for s in result.slopes], BLUE),
             Curve("caches on", at, [s[2] for s in result.slopes], GREEN),
         ]
-        more, right = curves(
-            lines,
-            "flash wait states (216 MHz needs 7)",
-            "cycles of one job",
-            (0.56, 1),
-            "2",
-            points=[(7, t / JOBS) for t in result.target],
-            legend=False,
-        )
         notes = [
-            {
-                "text": text,
-                "x": x,
-                "xref": "x2",
-                "y": y,
-                "yref": "y2",
-                "xanchor": side,
-                "yanchor": anchor,
-                "showarrow": False,
-                "font": {"color": colour, "size": 15},
-            }
+            {"text": text, "x": x, "y": y, "xanchor": side, "yanchor": anchor, "font": {"color": colour, "size": FONT}}
             for text, x, y, side, anchor, colour in (
                 ("<b>caches off</b>", 0.2, lines[2].y[0], "left", "top", BLUE),
                 ("<b>caches on</b>", 0.2, lines[3].y[0], "left", "top", GREEN),
                 ("never cold", 3, lines[0].y[3], "right", "bottom", INK),
             )
         ]
-        return {
-            "data": data + more,
-            "layout": layout(
-                450,
-                **axes,
-                **right,
-                annotations=notes,
-                barmode="stack",
-                margin={"l": 70, "r": 20, "t": 44, "b": 50},
-                legend=LEGEND,
+        time = axis("time of one job at 216 MHz [us]", range=[0, 1.1 * max(result.target[0], result.off.total) / us])
+        panels = [
+            stacked(bars, PARTS, time),
+            curves(
+                lines,
+                axis("flash wait states (216 MHz needs 7)"),
+                axis("cycles of one job", rangemode="tozero"),
+                points=[(7, t / JOBS) for t in result.target],
+                legend=False,
+                notes=notes,
+                left=110,
             ),
-        }
+        ]
+        return stack(panels, height=450, barmode="stack", keys=["measured (source 1)"])
 
     def metrics(self, result: Explanation) -> list[Metric]:
         work, possible = result.work, result.balance >= 0
@@ -489,7 +468,7 @@ def check_coldest(answer: Explanations) -> Feedback:
     possible = answer.run().balance >= 0
     if not possible:
         return Feedback(False, f"{answer.coldness} % is too cold: the time no cache changes would have to be negative.")
-    colder = answer.coldness < 100 and Explanations(**{**answer.model_dump(), "coldness": answer.coldness + 1}).run().balance >= 0
+    colder = answer.coldness < 100 and answer.replace(coldness=answer.coldness + 1).run().balance >= 0
     return Feedback(
         not colder,
         f"{answer.coldness} % explains both times"

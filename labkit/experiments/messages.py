@@ -9,14 +9,17 @@ import numpy as np
 from annotated_types import Interval, MultipleOf, Unit
 from typing_extensions import Doc
 
-from labkit.experiment import Experiment, Labels, Metric, Feedback
-from labkit.figures.activity import Steps, activity
-from labkit.figures.style import BLUE, GREEN, VERMILION
+from labkit.experiment import Experiment, Feedback, Labels, Metric
+from labkit.figures.gantt import gantt
+from labkit.figures.panel import stack
+from labkit.figures.steps import Marks, Steps, steps
+from labkit.figures.style import BLUE, GREEN, VERMILION, axis
 from labkit.kernel import Costs, Kernel, Run
 from labkit.trace import Trace
 from labkit.trace.kinds import CODE
 
 WINDOW = 60  # ms simulated
+KEYS = ("ready", "waits for lock, queue, signal", "release")
 
 
 def times(trace: Trace, *kinds: str) -> np.ndarray:
@@ -34,7 +37,7 @@ class Delivery:
     dropped: np.ndarray
 
 
-class QueueLab(Experiment):
+class QueueLab(Experiment[Delivery]):
     """Does every message arrive, and how old is it then?
 
     A producer sends a counter every few milliseconds, a consumer needs time for each item. The modes are those of the robot: the
@@ -97,13 +100,13 @@ class QueueLab(Experiment):
 
     def figure(self, result: Delivery) -> dict[str, Any]:
         when, fill = self.fill(result)
-        return activity(
-            result.run.trace,
-            ("producer", "consumer"),
-            [Steps("items in the queue", when, fill, BLUE)],
-            "items",
-            WINDOW,
-            marks={"dropped": (result.dropped, fill.max(initial=0) + 0.5, "x", VERMILION)},
+        dropped = Marks("dropped", result.dropped, float(fill.max(initial=0)) + 0.5, "x", VERMILION)
+        return stack(
+            gantt(result.run.trace, ("producer", "consumer"), 0, WINDOW),
+            steps([Steps("items in the queue", when, fill, BLUE)], "items", WINDOW, [dropped], height=3),
+            height=480,
+            shared=axis("time [ms]", range=[0, WINDOW]),
+            keys=KEYS,
         )
 
     def metrics(self, result: Delivery) -> list[Metric]:
@@ -139,7 +142,7 @@ MECHANISMS = {
 }
 
 
-class SignalLab(Experiment):
+class SignalLab(Experiment[Service]):
     """Semaphore or notification: what does an interrupt's signal cost, and can it get lost?
 
     A device interrupts in bursts; a handler task serves the events. The cost of a semaphore call is a parameter, the notification's
@@ -211,11 +214,17 @@ class SignalLab(Experiment):
         return len(before) > 0 and run.trace.names[before[-1, 2]] == "IDLE"
 
     def figure(self, result: Service) -> dict[str, Any]:
-        steps = [
+        lines = [
             Steps("raised", np.append(0.0, result.raised), np.arange(len(result.raised) + 1), VERMILION),
             Steps("served", np.append(0.0, result.served), np.append(0, result.counts), GREEN),
         ]
-        return activity(result.run.trace, ("handler",), steps, "events", WINDOW, height=430)
+        return stack(
+            gantt(result.run.trace, ("handler",), 0, WINDOW),
+            steps(lines, "events", WINDOW, height=3),
+            height=440,
+            shared=axis("time [ms]", range=[0, WINDOW]),
+            keys=KEYS,
+        )
 
     def metrics(self, result: Service) -> list[Metric]:
         lost = len(result.run.trace.rows("give_fail"))

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
 from annotated_types import Interval, Unit
 from typing_extensions import Doc
 
-from labkit.experiment import Experiment, Labels, Metric, Feedback
-from labkit.figures.timeline import Panel, timeline
+from labkit.experiment import Experiment, Feedback, Labels, Metric
+from labkit.figures.gantt import gantt
+from labkit.figures.panel import Panel, stack
+from labkit.figures.steps import priorities
+from labkit.figures.style import axis
 from labkit.kernel import Kernel, Run
 from labkit.scheduler.analysis import CriticalSection, blocking_bounds
 from labkit.scheduler.tasksets import PeriodicTask
@@ -28,37 +32,45 @@ Protocol = Annotated[
 ]
 
 BASE = {"H": 3, "M": 2, "L": 1}
+KEYS = ("ready", "waits for lock, queue, signal", "holds lock", "release")
 H_BEFORE, H_INSIDE, H_AFTER, L_AFTER = 1, 3, 1, 2  # ms of work before, inside and after the critical section
 
 
 @dataclass(frozen=True)
-class Outcome:
-    """One run of the three tasks. Times in ms; None for what had not happened when the run ended.
+class Contest:
+    """One run of the three tasks, seen from one of them. Times in ms.
 
     Attributes:
         run: the simulation.
-        response: from H's release to its end.
-        blocked: the part of it in which H did not run. H is the highest task, so all of that is blocking.
+        task: the one looked at; it has one job.
+        end: when that was done, in cycles.
+        response: from its release to its end.
+        blocked: the part of it in which it did not run. Of the highest task all of that is blocking.
     """
 
     run: Run
-    response: float | None
-    blocked: float | None
+    task: str
+    end: int
+    response: float
+    blocked: float
+
+    @classmethod
+    def of(cls, run: Run, task: str, release_ms: int) -> Contest:
+        """Read a run that goes on until everybody has ended."""
+        trace = run.trace
+        code, ms = trace.code(task), trace.hz // 1000
+        end = next(time for time, _, who, *_ in trace.rows("done").tolist() if who == code)
+        ran = sum(stop - start for who, start, stop in runs(trace).tolist() if who == code)
+        response = end - release_ms * ms
+        return cls(run, task, end, response / ms, (response - ran) / ms)
+
+    def panels(self, title: str, base: Mapping[str, int], locks: Sequence[str], end: float, words: str) -> tuple[Panel, Panel]:
+        """Who ran, above the priorities; `words` stand where the task has ended."""
+        rows = gantt(self.run.trace, tuple(base), 0, end, title=title, locks=locks, remarks=[(self.end, self.task, words)])
+        return rows, priorities(self.run.trace, base, height=1.6)
 
 
-def waiting(run: Run, task: str, release_ms: int) -> tuple[float | None, float | None]:
-    """Response time of a one-job task and the part of it in which it did not run, in ms; None if it did not end."""
-    trace = run.trace
-    code, ms = trace.code(task), trace.hz // 1000
-    done = [row[0] for row in trace.rows("done").tolist() if row[2] == code]
-    if not done:
-        return None, None
-    ran = sum(end - start for who, start, end in runs(trace).tolist() if who == code)
-    response = done[0] - release_ms * ms
-    return response / ms, (response - ran) / ms
-
-
-class PriorityInversion(Experiment):
+class PriorityInversion(Experiment[tuple[Contest, Contest]]):
     """How long does the highest task wait for the lowest?
 
     L takes a lock; H wants it; M, in the middle, has nothing to do with it. Above: the lock is a binary semaphore.
@@ -120,23 +132,22 @@ class PriorityInversion(Experiment):
         sections = [CriticalSection("H", "S", H_INSIDE), CriticalSection("L", "S", self.hold)]
         return blocking_bounds(tasks, sections, "none" if protocol == "semaphore" else protocol)["H"]
 
-    def run(self) -> tuple[Outcome, Outcome]:
-        runs_ = [self.simulate(p) for p in ("semaphore", self.protocol)]
-        return tuple(Outcome(r, *waiting(r, "H", self.release_H)) for r in runs_)  # type: ignore[return-value]
+    def run(self) -> tuple[Contest, Contest]:
+        semaphore, mutex = (Contest.of(self.simulate(p), "H", self.release_H) for p in ("semaphore", self.protocol))
+        return semaphore, mutex
 
-    def figure(self, result: tuple[Outcome, Outcome]) -> dict[str, Any]:
+    def figure(self, result: tuple[Contest, Contest]) -> dict[str, Any]:
         titles = (
             "Binary semaphore: no owner, no inheritance",
             PROTOCOLS[self.protocol].capitalize().replace("freertos", "FreeRTOS"),
         )
-        panels = []
-        for title, outcome in zip(titles, result, strict=True):
-            trace, ms = outcome.run.trace, outcome.run.trace.hz // 1000
-            done = round((self.release_H + outcome.response) * ms)
-            panels.append(Panel(title, trace, (done, "H", f"{outcome.response:g} ms, {outcome.blocked:g} ms blocked")))
-        return timeline(panels, tasks=("H", "M", "L"), base=BASE, locks=("S",), end=self.horizon())
+        panels: list[Panel] = []
+        for title, contest in zip(titles, result, strict=True):
+            words = f"{contest.response:g} ms, {contest.blocked:g} ms blocked"
+            panels += contest.panels(title, BASE, ("S",), self.horizon(), words)
+        return stack(*panels, height=580, shared=axis("time [ms]", range=[0, self.horizon()]), keys=KEYS)
 
-    def metrics(self, result: tuple[Outcome, Outcome]) -> list[Metric]:
+    def metrics(self, result: tuple[Contest, Contest]) -> list[Metric]:
         semaphore, mutex = result
         loose, tight = self.bound("semaphore"), self.bound(self.protocol)
         return [
@@ -160,7 +171,7 @@ class PriorityInversion(Experiment):
         ]
 
 
-class NestedMutexes(Experiment):
+class NestedMutexes(Experiment[dict[str, Contest]]):
     """When does FreeRTOS take an inherited priority back?
 
     L holds two mutexes, A and B; H wants A only. Above: FreeRTOS, which lets L drop only when it holds no mutex at all.
@@ -212,28 +223,19 @@ class NestedMutexes(Experiment):
         """Length of the run in ms: everybody has ended."""
         return max(self.release_H, self.release_M) + self.both + self.second + 2 + 4 + 3 + 1
 
-    def run(self) -> dict[str, Outcome]:
-        out = {}
-        for protocol in ("freertos", "inheritance"):
-            run = self.simulate(protocol)
-            out[protocol] = Outcome(run, *waiting(run, "M", self.release_M))
-        return out
+    def run(self) -> dict[str, Contest]:
+        return {p: Contest.of(self.simulate(p), "M", self.release_M) for p in ("freertos", "inheritance")}
 
-    def figure(self, result: dict[str, Outcome]) -> dict[str, Any]:
-        panels = []
-        for title, outcome in zip(
-            ("FreeRTOS: L drops at its last give", "Textbook inheritance: L drops when nobody waits"),
-            result.values(),
-            strict=True,
-        ):
-            ms = outcome.run.trace.hz // 1000
-            done = round((self.release_M + outcome.response) * ms)
-            panels.append(Panel(title, outcome.run.trace, (done, "M", f"responds after {outcome.response:g} ms")))
-        return timeline(panels, tasks=("H", "M", "L"), base=BASE, locks=("A", "B"), end=self.horizon(), height=620)
+    def figure(self, result: dict[str, Contest]) -> dict[str, Any]:
+        titles = ("FreeRTOS: L drops at its last give", "Textbook inheritance: L drops when nobody waits")
+        panels: list[Panel] = []
+        for title, contest in zip(titles, result.values(), strict=True):
+            panels += contest.panels(title, BASE, ("A", "B"), self.horizon(), f"responds after {contest.response:g} ms")
+        return stack(*panels, height=660, shared=axis("time [ms]", range=[0, self.horizon()]), keys=KEYS)
 
-    def metrics(self, result: dict[str, Outcome]) -> list[Metric]:
+    def metrics(self, result: dict[str, Contest]) -> list[Metric]:
         ours, textbook = result["freertos"], result["inheritance"]
-        high = {p: waiting(o.run, "H", self.release_H)[0] for p, o in result.items()}
+        high = {p: Contest.of(c.run, "H", self.release_H).response for p, c in result.items()}
         return [
             Metric("response of M, FreeRTOS", ours.response, "ms"),
             Metric("response of M, textbook", textbook.response, "ms"),
@@ -251,9 +253,10 @@ class NestedMutexes(Experiment):
 
 
 FRAME, FRAMES = 125, 12  # ms, the 8 Hz cycle of the 1553 bus; cycles simulated
+END = FRAMES * FRAME + 20  # ms
 
 
-class MarsPathfinder(Experiment):
+class MarsPathfinder(Experiment[dict[str, Run]]):
     """Why did the lander keep resetting itself on Mars?
 
     Every 125 ms `bc_sched` sets up the next bus cycle and checks that `bc_dist` has distributed the data of the last one; if
@@ -309,7 +312,7 @@ class MarsPathfinder(Experiment):
 
         for name, body in (("ASI_MET", asi_met), ("comm", comm), ("bc_dist", bc_dist), ("bc_sched", bc_sched)):
             k.task(name, body, PATHFINDER[name])
-        return k.run(until=(FRAMES * FRAME + 20) * k.ms)
+        return k.run(until=END * k.ms)
 
     def run(self) -> dict[str, Run]:
         return {"off": self.simulate("none"), "on": self.simulate("freertos")}
@@ -322,13 +325,11 @@ class MarsPathfinder(Experiment):
     def figure(self, result: dict[str, Run]) -> dict[str, Any]:
         panels = []
         for title, run in (("Inheritance off, as flown", result["off"]), ("Inheritance on, as patched", result["on"])):
-            resets = self.resets(run)
-            verdict = f"first reset at {resets[0]:g} ms" if resets else "no reset"
-            panels.append(Panel(f"{title}: {verdict}", run.trace, alarms=[round(at * run.trace.hz / 1000) for at in resets]))
-        end = FRAMES * FRAME + 20
-        return timeline(
-            panels, tasks=("bc_sched", "bc_dist", "comm", "ASI_MET"), base=PATHFINDER, locks=("select",), end=end, height=640
-        )
+            resets = run.trace.rows("mark")[:, 0].tolist()
+            verdict = f"first reset at {self.resets(run)[0]:g} ms" if resets else "no reset"
+            rows = gantt(run.trace, tuple(PATHFINDER), 0, END, title=f"{title}: {verdict}", locks=("select",), alarms=resets)
+            panels += [rows, priorities(run.trace, PATHFINDER, height=2)]
+        return stack(*panels, height=680, shared=axis("time [ms]", range=[0, END]), keys=KEYS)
 
     def metrics(self, result: dict[str, Run]) -> list[Metric]:
         off, on = (self.resets(result[key]) for key in ("off", "on"))
@@ -349,7 +350,9 @@ PATHFINDER = {"bc_sched": 4, "bc_dist": 3, "comm": 2, "ASI_MET": 1}
 def check_harmless_inversion(answer: PriorityInversion) -> Feedback:
     """Exercise 1: releases at which the semaphore costs H nothing, although M interferes at least 10 ms and L holds at least 6 ms."""
     if answer.interference < 10 or answer.hold < 6:
-        return Feedback(False, "keep hold at 6 ms or more and interference at 10 ms or more; only the releases are yours to move.")
+        return Feedback(
+            False, "keep hold at 6 ms or more and interference at 10 ms or more; only the releases are yours to move."
+        )
     blocked = answer.run()[0].blocked
     return Feedback(blocked == 0, f"with the semaphore H is blocked for {blocked:g} ms; it should be 0.")
 

@@ -11,8 +11,10 @@ from annotated_types import Interval, MultipleOf, Unit
 from typing_extensions import Doc
 
 from labkit.experiment import Experiment, Feedback, Labels, Metric
+from labkit.figures.gantt import gantt
 from labkit.figures.margins import Response, responses
-from labkit.figures.schedule import Panel, schedule
+from labkit.figures.panel import stack
+from labkit.figures.style import axis
 from labkit.scheduler.analysis import (
     edf_response_times,
     edf_utilization_test,
@@ -32,6 +34,7 @@ from labkit.trace import Trace, jobs
 MS = 1000  # units of all traces here: microseconds
 HZ = 1000 * MS
 HORIZON, SHOWN = 2000, 42  # ms simulated, ms in the picture
+KEYS = ("ready", "release", "deadline", "deadline missed", "beyond expected time", "aborted", "exception part")
 #: The run times of the contour filter as a share of its longest: the log-normal law of `acceptance.run_times` over 140 ms.
 FILTER_MEDIAN, FILTER_SIGMA = 0.16, 0.627
 
@@ -64,7 +67,7 @@ def misses(trace: Trace) -> int:
     return int(jobs(trace).missed.sum())
 
 
-class Schedules(Experiment):
+class Schedules(Experiment[dict[str, Trace]]):
     """Which deadlines does a task set meet under RM, EDF and TAFT?
 
     Two or three periodic tasks, deadlines at the end of the period, all released at 0. RM and EDF know C; TAFT knows the expected
@@ -107,9 +110,13 @@ class Schedules(Experiment):
             "edf": "EDF: the earlier deadline first",
             "taft": "TAFT: expected times first, exception parts in time",
         }
-        panels = [Panel(titles[policy], trace, self._first_miss(trace)) for policy, trace in result.items()]
-        deadlines = {f"task {i}": t * MS for i, t in ((1, self.T1), (2, self.T2), (3, self.T3))}
-        return schedule(panels, deadlines, SHOWN, height=590)
+        panels = [
+            gantt(
+                trace, ("task 1", "task 2", "task 3"), 0, SHOWN, title=titles[policy], remark=self._first_miss(trace), pairs=True
+            )
+            for policy, trace in result.items()
+        ]
+        return stack(*panels, height=600, shared=axis("time [ms]", range=[0, SHOWN]), keys=KEYS)
 
     @staticmethod
     def _first_miss(trace: Trace) -> str:
@@ -162,7 +169,7 @@ class Bounded:
     longest: list[int]
 
 
-class ResponseBounds(Experiment):
+class ResponseBounds(Experiment[Bounded]):
     """How close does a simulation come to what analysis promises?
 
     A random set of tasks (UUniFast, periods of 10 to 100 ms), simulated over ten of its longest periods, and the bound on each
@@ -194,16 +201,9 @@ class ResponseBounds(Experiment):
             t.name: rng.integers(-(-t.wcet * self.least // 100), t.wcet, until // t.period + 1, endpoint=True) for t in tasks
         }
         bound = response_times(tasks) if self.policy == "rm" else edf_response_times(tasks)
-        longest = self._longest(simulate(tasks, self.policy, until, times, HZ))
-        return Bounded(tasks, [bound[t.name] for t in tasks], [longest[t.name] for t in tasks])
-
-    @staticmethod
-    def _longest(trace: Trace) -> dict[str, int]:
-        release = {(task, job): at for _, _, task, _, at, job in trace.rows("release").tolist()}
-        longest = dict.fromkeys(trace.names, 0)
-        for time, _, task, _, _, job in trace.rows("complete").tolist():
-            longest[trace.names[task]] = max(longest[trace.names[task]], time - release[task, job])
-        return longest
+        found = jobs(simulate(tasks, self.policy, until, times, HZ))
+        longest = [int(found.response[found.task == i].max(initial=0)) for i in range(len(tasks))]
+        return Bounded(tasks, [bound[t.name] for t in tasks], longest)
 
     def figure(self, result: Bounded) -> dict[str, Any]:
         rows = [
@@ -227,7 +227,7 @@ class ResponseBounds(Experiment):
         ]
 
 
-class StarvedPair(Experiment):
+class StarvedPair(Experiment[Trace]):
     """Is a sum of (ECET + EP) / T up to 1 enough for TAFT?
 
     Two task pairs whose main parts never come to an end by themselves, so that every job is aborted and every exception part runs
@@ -266,12 +266,9 @@ class StarvedPair(Experiment):
         ecet = {p.name: p.ecet for p in self.pairs()}
         time, name, got = hungry[0] if hungry else (0, "", 0)
         remark = f"{name}, aborted at {time} ms, had {got} of its {ecet[name]} ms" if hungry else ""
-        return schedule(
-            [Panel("TAFT when every main part takes too long", result, remark)],
-            {p.name: p.deadline for p in self.pairs()},
-            SHOWN,
-            height=330,
-        )
+        title = "TAFT when every main part takes too long"
+        panel = gantt(result, ("task 1", "task 2"), 0, SHOWN, title=title, remark=remark, pairs=True)
+        return stack(panel, height=330, shared=axis("time [ms]", range=[0, SHOWN]), keys=KEYS)
 
     def metrics(self, result: Trace) -> list[Metric]:
         pairs, verdict = self.pairs(), taft_test(self.pairs())

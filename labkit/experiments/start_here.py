@@ -9,13 +9,17 @@ from annotated_types import Interval, MultipleOf, Unit
 from typing_extensions import Doc
 
 from labkit.experiment import Experiment, Metric
-from labkit.figures.timeline import Panel, timeline
+from labkit.figures.gantt import gantt
+from labkit.figures.panel import stack
+from labkit.figures.steps import priorities
+from labkit.figures.style import axis
 from labkit.kernel import Kernel, Run
 from labkit.scheduler.analysis import response_times, utilization
 from labkit.scheduler.tasksets import PeriodicTask
+from labkit.trace import jobs
 
 PRIORITY = {"wheel_ctrl": 3, "odometry": 2, "pose_ctrl": 1}
-HORIZON = 240  # ms: the least common multiple of every period the sliders allow is longer, so a window
+HORIZON, SHOWN = 240, 80  # ms simulated, where the least common multiple of the periods may be longer; ms in the picture
 
 
 @dataclass(frozen=True)
@@ -27,7 +31,7 @@ class Schedule:
     bound: dict[str, float | None]
 
 
-class ThreeTasks(Experiment):
+class ThreeTasks(Experiment[Schedule]):
     """Does every job finish before the next one comes?
 
     Three control tasks with the robot's names, the shorter the period the higher the priority. All start at 0, which is the worst
@@ -73,15 +77,19 @@ class ThreeTasks(Experiment):
 
     @staticmethod
     def _longest(run: Run) -> dict[str, float]:
-        releases = {(task, job): nominal for _, _, task, _, nominal, job in run.trace.rows("release").tolist()}
-        longest = dict.fromkeys(PRIORITY, 0.0)
-        for time, _, task, _, _, job in run.trace.rows("complete").tolist():
-            name = run.trace.names[task]
-            longest[name] = max(longest[name], (time - releases[task, job]) * 1e3 / run.trace.hz)
-        return longest
+        found = jobs(run.trace)
+        response = {name: found.response[found.task == run.trace.code(name)] for name in PRIORITY}
+        return {name: float(times.max(initial=0)) * 1e3 / run.trace.hz for name, times in response.items()}
 
     def figure(self, result: Schedule) -> dict[str, Any]:
-        return timeline([Panel("The first 80 ms", result.run.trace)], tasks=tuple(PRIORITY), base=PRIORITY, end=80, height=330)
+        trace = result.run.trace
+        return stack(
+            gantt(trace, tuple(PRIORITY), 0, SHOWN, title=f"The first {SHOWN} ms"),
+            priorities(trace, PRIORITY, height=1.4),
+            height=360,
+            shared=axis("time [ms]", range=[0, SHOWN]),
+            keys=("ready", "release", "deadline", "deadline missed"),
+        )
 
     def metrics(self, result: Schedule) -> list[Metric]:
         load = float(utilization(self.tasks()))

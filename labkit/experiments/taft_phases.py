@@ -11,15 +11,19 @@ from annotated_types import Interval, MultipleOf, Unit
 from typing_extensions import Doc
 
 from labkit.data import published_table
-from labkit.experiment import Experiment, Metric, Feedback
+from labkit.experiment import Experiment, Feedback, Metric, View
+from labkit.figures.panel import stack
 from labkit.figures.phases import activity_stack, periods_gantt, plan, verdict_grid
 from labkit.phases.designs import DESIGNS, DesignRun, phase_times, run_design
 from labkit.phases.laser_chain import CONTOUR, MS, Experiment1, experiment_1, laser_chain, laser_load
 from labkit.phases.windows import Part, Window, phases_of, windows
 from labkit.scheduler.execution import fit_log_normal, log_normal
+from labkit.trace import Trace
 
 PERIODS, SHOWN = 60, 2  # of the six designs: periods run under the same load, periods drawn
 RUNS = 1000  # of the contour filter, among which the longest took 140 ms
+GUARANTEES = ("G1 periodic", "G2 in time", "G3 complete", "G4 in order")
+KEYS = ("ready", "release", "deadline", "deadline missed", "beyond expected time", "aborted", "exception part")
 
 ArcsEcet = Annotated[
     int, Interval(ge=5, le=60), Unit("ms"), Doc("expected time (ECET) of the contour filter's arc search; source 2: 30 ms")
@@ -45,7 +49,7 @@ def contour_times(ninety_ms: int) -> Any:
     return log_normal(*fit_log_normal(0.9, ninety_ms * MS, 140 * MS, RUNS), longest=140 * MS)
 
 
-class PhaseWindows(Experiment):
+class PhaseWindows(Experiment[list[Window] | str]):
     """Where does each phase get its window?
 
     Every phase gets a share of the period in proportion to what it expects, expected time plus exception part (4.12, 4.18); the end of
@@ -87,7 +91,7 @@ class PhaseWindows(Experiment):
         same = self == PhaseWindows()
         return [
             Metric("demand of all phases", demand / MS, "ms"),
-            Metric("spare" if fits else "missing", abs(spare) / MS, "ms", good=fits, note="" if fits else str(result)),
+            Metric("spare", spare / MS, "ms", good=fits, note="" if fits else str(result)),
             Metric(
                 "window per expected time",
                 (self.period - self.reserve) * MS / demand if fits else None,
@@ -106,26 +110,14 @@ class PhaseWindows(Experiment):
 
 @dataclass(frozen=True, eq=False)
 class Designs:
-    """The six designs under one load; a design without a plan has the sentence why instead of a run."""
+    """The six designs under one load; a design without a plan has the sentence why instead of a run, one without windows an empty list."""
 
     chain: list[Part]
     runs: dict[str, DesignRun | str]
+    windows: dict[str, list[Window]]
 
 
-@lru_cache(maxsize=8)
-def _designs(period_ns: int, arcs_ecet_ns: int, ninety_ms: int, seed: int) -> Designs:
-    chain = laser_chain(arcs_ecet_ns)
-    load = laser_load(chain, PERIODS, contour_times(ninety_ms), True, seed)
-    runs: dict[str, DesignRun | str] = {}
-    for design in DESIGNS:
-        try:
-            runs[design] = run_design(chain, design, load, period_ns, 2 * MS)
-        except ValueError as error:
-            runs[design] = str(error)
-    return Designs(chain, runs)
-
-
-class SixDesigns(Experiment):
+class SixDesigns(Experiment[Designs]):
     """Which way of scheduling a chain of phases keeps all four promises?
 
     G1: the chain starts in every period; G2: it has ended by the period's end; G3: every phase gets at least its expected time; G4: the
@@ -134,72 +126,65 @@ class SixDesigns(Experiment):
 
     design: Annotated[
         Literal["edf thread", "taft thread", "taft thread, wcet", "taft phases", "taft releases", "taft windows"],
+        View(),
         Doc("the design drawn on the right"),
     ] = "taft releases"
-    period_shown: Annotated[int, Interval(ge=0, le=PERIODS - 1), Doc("first of the two periods drawn")] = 8
+    period_shown: Annotated[int, Interval(ge=0, le=PERIODS - 1), View(), Doc("first of the two periods drawn")] = 8
     period: Annotated[int, Interval(ge=90, le=250), MultipleOf(5), Unit("ms"), Doc("period of the chain")] = 100
     arcs_ecet: ArcsEcet = 30
     p90_run_time: Ninety = 50
     seed: Annotated[int, Interval(ge=1, le=20), Doc("another draw of run times")] = 16
 
     def run(self) -> Designs:
-        return _designs(self.period * MS, self.arcs_ecet * MS, self.p90_run_time, self.seed)
+        chain = laser_chain(self.arcs_ecet * MS)
+        load = laser_load(chain, PERIODS, contour_times(self.p90_run_time), True, self.seed)
+        runs: dict[str, DesignRun | str] = {}
+        for design in DESIGNS:
+            try:
+                runs[design] = run_design(chain, design, load, self.period * MS, 2 * MS)
+            except ValueError as error:
+                runs[design] = str(error)
+        made: dict[str, list[Window]] = dict.fromkeys(DESIGNS, [])
+        for design in DESIGNS[4:]:  # those that give every phase a window
+            if isinstance(runs[design], DesignRun):
+                made[design] = windows(chain, self.period * MS, 2 * MS if design == "taft windows" else 0)
+        return Designs(chain, runs, made)
 
     def figure(self, result: Designs) -> dict[str, Any]:
-        kept = [[g.kept for g in r.guarantees] if isinstance(r, DesignRun) else [None] * 4 for r in result.runs.values()]
-        first = [[g.period for g in r.guarantees] if isinstance(r, DesignRun) else [None] * 4 for r in result.runs.values()]
+        told = [r.guarantees if isinstance(r, DesignRun) else None for r in result.runs.values()]
+        kept = [[g.kept for g in four] if four else [None] * 4 for four in told]
+        first = [[g.period for g in four] if four else [None] * 4 for four in told]
         run = result.runs[self.design]
-        fallback = next(r for r in result.runs.values() if isinstance(r, DesignRun))
-        made = (
-            windows(result.chain, self.period * MS, 2 * MS if self.design == "taft windows" else 0)
-            if (isinstance(run, DesignRun) and self.design in DESIGNS[4:])
-            else []
+        if isinstance(run, DesignRun):
+            trace, begin = run.trace, min(self.period_shown, PERIODS - SHOWN)
+            title = f"{self.design}, periods {begin} and {begin + 1}"
+        else:
+            trace, begin, title = Trace.from_rows((), (), 10**9, end=0), 0, f"{self.design}: no plan"
+        gantt = periods_gantt(
+            trace,
+            [p.name for p in result.chain],
+            self.period * MS,
+            range(begin, begin + SHOWN),
+            result.windows[self.design],
+            {p.name: p.phase for p in result.chain},
+            title=title,
         )
-        parts = [p.name for p in result.chain]
-        trace = run.trace if isinstance(run, DesignRun) else fallback.trace.window(0, 0)
-        first_shown = min(self.period_shown, PERIODS - SHOWN)
-        gantt = periods_gantt(trace, parts, self.period * MS, first_shown, SHOWN, made, {p.name: p.phase for p in result.chain})
-        text = f"Periods {first_shown} and {first_shown + 1}" if isinstance(run, DesignRun) else "No plan"
-        gantt["layout"]["annotations"] = [
-            {
-                "text": f"<b>{text}</b>",
-                "xref": "paper",
-                "yref": "paper",
-                "x": 0.46,
-                "y": 1,
-                "yshift": 36,
-                "xanchor": "left",
-                "showarrow": False,
-                "font": {"size": 17},
-            }
-        ]
-        return verdict_grid(DESIGNS, self.design, kept, first, gantt)
+        return stack([verdict_grid(DESIGNS, self.design, kept, first), gantt], height=500, keys=KEYS)
 
     def metrics(self, result: Designs) -> list[Metric]:
         run = result.runs[self.design]
         if isinstance(run, str):
-            return [Metric("plan", "none", good=False, note=run)]
-        words = ("G1 periodic", "G2 in time", "G3 complete", "G4 in order")
+            found = [Metric("plan accepted", False, good=False, note=run)]
+            return found + [Metric(word, None, note="no plan") for word in (*GUARANTEES, "aborts")]
         cards = [Metric("plan accepted", run.verdict.accepted, good=run.verdict.accepted, note=run.verdict.why)]
         cards += [
             Metric(word, "kept" if g.kept else f"broken in {g.period}", good=g.kept, note=g.why)
-            for word, g in zip(words, run.guarantees, strict=True)
+            for word, g in zip(GUARANTEES, run.guarantees, strict=True)
         ]
         return [*cards, Metric("aborts", len(run.trace.rows("abort")), "", note=f"in {PERIODS} periods")]
 
 
-@lru_cache(maxsize=8)
-def _timeliness(arcs_ecet: int, ninety: int, reprocess: bool, seed: int) -> Experiment1:
-    return experiment_1(
-        contour=contour_times(ninety),
-        reprocess=reprocess,
-        seed=seed,
-        arcs_ecet_ns=arcs_ecet * MS,
-        period_ns=max(100, 70 + arcs_ecet) * MS,
-    )
-
-
-class Timeliness(Experiment):
+class Timeliness(Experiment[Experiment1]):
     """Does the chain stay in time although the contour filter often does not?
 
     Experiment 1 of source 2: 400 periods of 100 ms, a new scan every 200 ms. The longest run of the contour filter took 140 ms, more
@@ -214,7 +199,17 @@ class Timeliness(Experiment):
     seed: Annotated[int, Interval(ge=1, le=20), Doc("another draw of run times: another station, another day")] = 1
 
     def run(self) -> Experiment1:
-        return _timeliness(self.arcs_ecet, self.p90_run_time, self.scan_again, self.seed)
+        return experiment_1(
+            contour=contour_times(self.p90_run_time),
+            reprocess=self.scan_again,
+            seed=self.seed,
+            arcs_ecet_ns=self.arcs_ecet * MS,
+            period_ns=self.period() * MS,
+        )
+
+    def period(self) -> int:
+        """Period of the chain in ms."""
+        return max(100, 70 + self.arcs_ecet)
 
     def figure(self, result: Experiment1) -> dict[str, Any]:
         chain, times = result.chain, result.times
@@ -222,7 +217,7 @@ class Timeliness(Experiment):
         mine = np.array([p.phase == CONTOUR for p in chain])
         aborted = np.flatnonzero((times.aborted[:, mine] >= 0).any(axis=1))
         title = f"{result.aborted_periods} of {len(times.main)} periods with an aborted contour filter, {result.missed} deadlines missed"
-        return activity_stack(granted, times.exception.sum(axis=1) / MS, aborted, max(100, 70 + self.arcs_ecet), title)
+        return activity_stack(granted, times.exception.sum(axis=1) / MS, aborted, self.period(), title)
 
     def metrics(self, result: Experiment1) -> list[Metric]:
         needed = result.load[:, 1:3].sum() / MS
@@ -255,7 +250,9 @@ def check_period(period_ms: int) -> Feedback:
         return Feedback(False, "give a whole number of ms between 60 and 200.")
     if not fits(period_ms):
         return Feedback(False, str(PhaseWindows(period=period_ms).run()) + ".")
-    return Feedback(not fits(period_ms - 1), f"{period_ms} ms fits{'' if not fits(period_ms - 1) else ', and so does 1 ms less'}.")
+    return Feedback(
+        not fits(period_ms - 1), f"{period_ms} ms fits{'' if not fits(period_ms - 1) else ', and so does 1 ms less'}."
+    )
 
 
 def check_few_aborts(answer: Timeliness | None) -> Feedback:
@@ -273,7 +270,9 @@ def check_few_aborts(answer: Timeliness | None) -> Feedback:
     if answer != Timeliness(arcs_ecet=answer.arcs_ecet):
         return Feedback(False, "change arcs_ecet only.")
     if answer.arcs_ecet > longest:
-        return Feedback(False, f"an expected time of {answer.arcs_ecet} ms does not fit into 100 ms; {longest} ms is the longest.")
+        return Feedback(
+            False, f"an expected time of {answer.arcs_ecet} ms does not fit into 100 ms; {longest} ms is the longest."
+        )
     count = aborted(answer.arcs_ecet)
     return Feedback(count <= 20, f"{count} aborted periods; at most 20 are allowed.")
 

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 
 from labkit.cache.geometry import Geometry
-from labkit.figures.style import BLUE, GREEN, GREY, INK, LEGEND, PALE, VERMILION, axis, layout
+from labkit.figures.panel import Panel, stack
+from labkit.figures.style import BLUE, FONT, GREEN, GREY, INK, PALE, VERMILION, Spec, axis, key
 
 EMPTY, CLEAN, DIRTY = "#f3f5f7", "#BFDDF0", "#F3C969"
 STATES = {"empty": EMPTY, "held": CLEAN, "held and dirty": DIRTY}
@@ -47,12 +47,28 @@ def sentence(timeline: Mapping[str, np.ndarray], step: int) -> str:
     return text
 
 
-def cache_map(timeline: Mapping[str, np.ndarray], step: int, geometry: Geometry, height: int = 560) -> dict[str, Any]:
+#: What an access was -> the symbol and colour of its point.
+KINDS = {
+    "hit": ("circle", GREEN),
+    "miss": ("x", VERMILION),
+    "past the cache": ("triangle-up", BLUE),
+    "still to come": ("circle", PALE),
+}
+
+
+def cache_map(timeline: Mapping[str, np.ndarray], step: int, geometry: Geometry, height: int = 580) -> Spec:
     """The map after `step` records of `timeline` (a fold of `labkit.cache`), and below every access, done and still to come."""
+    square: Spec = {"symbol": "square", "size": 14, "line": {"width": 1, "color": GREY}}
+    markers = {state: square | {"color": colour} for state, colour in STATES.items()} | {kind: _mark(kind) for kind in KINDS}
+    keys = [key(name, type="scatter", mode="markers", marker=marker) for name, marker in markers.items()]
+    return stack(_map(timeline, step, geometry), _accesses(timeline, step), height=height, keys=keys)
+
+
+def _map(timeline: Mapping[str, np.ndarray], step: int, geometry: Geometry) -> Panel:
     line, dirty = contents(timeline, step, geometry)
     state = np.where(line < 0, 0, 1 + dirty)
     labels = [[f"{value & 0xFFFF:04x}" if value >= 0 else "" for value in row] for row in line.tolist()]
-    words = list(STATES)
+    words, named = list(STATES), geometry.sets <= MOST_LABELS
     hover = [
         [
             f"set {s}, way {w}: {words[state[w, s]]}" + (f", line {line[w, s]:#010x}" if line[w, s] >= 0 else "")
@@ -60,126 +76,62 @@ def cache_map(timeline: Mapping[str, np.ndarray], step: int, geometry: Geometry,
         ]
         for w in range(geometry.ways)
     ]
-    scale = [[edge, colour] for k, colour in enumerate(STATES.values()) for edge in (k / 3, (k + 1) / 3)]
-    data: list[dict[str, Any]] = [
-        {
-            "type": "heatmap",
-            "z": state,
-            "zmin": 0,
-            "zmax": 2,
-            "colorscale": scale,
-            "showscale": False,
-            "xgap": 2,
-            "ygap": 2,
-            "text": labels,
-            "texttemplate": "%{text}" if geometry.sets <= MOST_LABELS else "",
-            "customdata": hover,
-            "hovertemplate": "%{customdata}<extra></extra>",
-            "xaxis": "x",
-            "yaxis": "y",
-        }
-    ]
-    for name, colour in STATES.items():
-        data.append(
-            {
-                "type": "scatter",
-                "mode": "markers",
-                "x": [None],
-                "y": [None],
-                "name": name,
-                "legendrank": 1,
-                "marker": {"symbol": "square", "size": 14, "color": colour, "line": {"width": 1, "color": GREY}},
-            }
-        )
-
-    number, base = np.arange(1, len(timeline["line"]) + 1), int(timeline["address"].min(initial=2**62))
-    offset, done = timeline["address"] - base, number <= step
-    cached = timeline["bypass"] == ""
-    kinds = {
-        "hit": (cached & timeline["hit"] & done, "circle", GREEN),
-        "miss": (cached & ~timeline["hit"] & done, "x", VERMILION),
-        "past the cache": (~cached & done, "triangle-up", BLUE),
-        "still to come": (~done, "circle", PALE),
+    heat: Spec = {
+        "type": "heatmap",
+        "z": state,
+        "zmin": 0,
+        "zmax": 2,
+        "colorscale": [[edge, colour] for k, colour in enumerate(STATES.values()) for edge in (k / 3, (k + 1) / 3)],
+        "showscale": False,
+        "xgap": 2,
+        "ygap": 2,
+        "text": labels,
+        "texttemplate": "%{text}" if named else "",
+        "textfont": {"size": FONT},
+        "customdata": hover,
+        "hovertemplate": "%{customdata}<extra></extra>",
     }
-    for name, (chosen, symbol, colour) in kinds.items():
-        data.append(
-            {
-                "type": "scatter",
-                "mode": "markers",
-                "x": number[chosen],
-                "y": offset[chosen],
-                "name": name,
-                "xaxis": "x2",
-                "yaxis": "y2",
-                "marker": {"symbol": symbol, "size": 9 if len(number) <= 300 else 6, "color": colour},
-                "customdata": [f"{a:#010x}" for a in timeline["address"][chosen].tolist()],
-                "hovertemplate": f"access %{{x}}, %{{customdata}}: {name}<extra></extra>",
-            }
-        )
-
-    shapes = [
-        {
-            "type": "line",
-            "xref": "x2",
-            "yref": "y2 domain",
-            "x0": step + 0.5,
-            "x1": step + 0.5,
-            "y0": 0,
-            "y1": 1,
-            "line": {"color": INK, "width": 1.5},
-        }
-    ]
+    shapes: list[Spec] = []
     if step and timeline["set"][step - 1] >= 0:
         s, w = int(timeline["set"][step - 1]), int(timeline["way"][step - 1])
-        box = {"type": "rect", "xref": "x", "yref": "y", "x0": s - 0.5, "x1": s + 0.5, "y0": -0.5, "y1": geometry.ways - 0.5}
+        box: Spec = {"type": "rect", "x0": s - 0.5, "x1": s + 0.5, "y0": -0.5, "y1": geometry.ways - 0.5}
         shapes.append({**box, "line": {"color": GREY, "width": 2, "dash": "dot"}})
         if w >= 0:
             colour = GREEN if timeline["hit"][step - 1] else VERMILION
             shapes.append({**box, "y0": w - 0.5, "y1": w + 0.5, "line": {"color": colour, "width": 5}})
-    every = max(1, geometry.sets // 16)
+    ticks = list(range(0, geometry.sets, max(1, geometry.sets // 16)))
+    title = "set (in each cell: last four hex digits of the line's address)" if named else "set"
+    x = axis(title, range=[-0.5, geometry.sets - 0.5], tickvals=ticks, showgrid=False, fixedrange=True)
+    ways = list(range(geometry.ways))
+    y = axis("way", range=[geometry.ways - 0.5, -0.5], tickvals=ways, showgrid=False, fixedrange=True)
+    return Panel([heat], y, x, shapes, caption=sentence(timeline, step), height=1.2, left=84)
+
+
+def _mark(kind: str, size: int = 9) -> Spec:
+    symbol, colour = KINDS[kind]
+    return {"symbol": symbol, "size": size, "color": colour}
+
+
+def _accesses(timeline: Mapping[str, np.ndarray], step: int) -> Panel:
+    number, base = np.arange(1, len(timeline["line"]) + 1), int(timeline["address"].min(initial=2**62))
+    offset, done, cached, hit = timeline["address"] - base, number <= step, timeline["bypass"] == "", timeline["hit"]
+    chosen = dict(zip(KINDS, (cached & hit & done, cached & ~hit & done, ~cached & done, ~done), strict=True))
+    drawn: list[Spec] = [
+        {
+            "type": "scatter",
+            "mode": "markers",
+            "x": number[some],
+            "y": offset[some],
+            "name": kind,
+            "showlegend": False,
+            "marker": _mark(kind, 9 if len(number) <= 300 else 6),
+            "customdata": [f"{a:#010x}" for a in timeline["address"][some].tolist()],
+            "hovertemplate": f"access %{{x}}, %{{customdata}}: {kind}<extra></extra>",
+        }
+        for kind, some in chosen.items()
+    ]
     top = max(int(offset.max(initial=0)), 1)
-    return {
-        "data": data,
-        "layout": layout(
-            height,
-            shapes=shapes,
-            margin={"l": 84, "r": 16, "t": 64, "b": 48},
-            legend=LEGEND,
-            annotations=[
-                {
-                    "text": sentence(timeline, step),
-                    "xref": "paper",
-                    "yref": "paper",
-                    "x": 0,
-                    "y": 1.015,
-                    "xanchor": "left",
-                    "yanchor": "bottom",
-                    "showarrow": False,
-                    "font": {"size": 17},
-                }
-            ],
-            xaxis=axis(
-                "set" + (" (in each cell: last four hex digits of the line's address)" if geometry.sets <= MOST_LABELS else ""),
-                anchor="y",
-                range=[-0.5, geometry.sets - 0.5],
-                tickvals=list(range(0, geometry.sets, every)),
-                showgrid=False,
-                fixedrange=True,
-            ),
-            yaxis=axis(
-                "way",
-                anchor="x",
-                domain=[0.56, 1],
-                range=[geometry.ways - 0.5, -0.5],
-                tickvals=list(range(geometry.ways)),
-                showgrid=False,
-                fixedrange=True,
-            ),
-            xaxis2=axis(
-                f"access (addresses counted from {base:#010x})" if len(number) else "access",
-                anchor="y2",
-                range=[0, len(number) + 1],
-            ),
-            yaxis2=axis("address [bytes]", anchor="x2", domain=[0, 0.38], range=[-0.06 * top, 1.06 * top]),
-        ),
-    }
+    now: Spec = {"type": "line", "yref": "y domain", "x0": step + 0.5, "x1": step + 0.5, "y0": 0, "y1": 1}
+    x = axis(f"access (addresses counted from {base:#010x})" if len(number) else "access", range=[0, len(number) + 1])
+    y = axis("address [bytes]", range=[-0.06 * top, 1.06 * top])
+    return Panel(drawn, y, x, [{**now, "line": {"color": INK, "width": 1.5}}], left=84)

@@ -7,7 +7,21 @@ from dataclasses import dataclass
 from math import log10
 from typing import Any
 
-from labkit.figures.style import GREY, INK, LEGEND, PUBLISHED, PUBLISHED_BEFORE, VERMILION, axis, colours, layout
+from labkit.figures.panel import Panel, stack
+from labkit.figures.style import (
+    FONT,
+    GREY,
+    INK,
+    PUBLISHED,
+    PUBLISHED_BEFORE,
+    SMALL,
+    VERMILION,
+    Spec,
+    axis,
+    colours,
+    key,
+    rows_axis,
+)
 
 LIFT = 0.21  # distance of a row's two dumbbells from its middle
 
@@ -24,107 +38,79 @@ class Pair:
 
 def dumbbells(
     panels: Mapping[str, Sequence[Pair]], series: tuple[str, str], title: str, low: float, high: float, height: int = 560
-) -> dict[str, Any]:
+) -> Spec:
     """Panels side by side, each with a row per name and in it a dumbbell per series (upper, lower) from `before` to `after`.
 
-    All share a logarithmic axis `title` from `low` to `high`. The factor before / after stands right of each dumbbell.
+    All have a logarithmic axis `title` from `low` to `high`. The factor before / after stands right of each dumbbell.
     """
-    data: list[dict[str, Any]] = []
-    axes: dict[str, Any] = {}
-    notes = []
-    width = 1 / len(panels)
-    for i, (name, pairs) in enumerate(panels.items()):
-        n = "" if i == 0 else str(i + 1)
-        rows = list(dict.fromkeys(p.row for p in pairs))
-        row = {r: len(rows) - 1 - k for k, r in enumerate(rows)}
-        colour = colours(rows)
-        start = i * width + (0.11 if i else 0)
-        axes[f"xaxis{n}"] = axis(
-            title,
-            domain=[start, (i + 1) * width - 0.03],
-            type="log",
-            range=[log10(low), log10(high)],
-            anchor=f"y{n}",
-            dtick=1,
-            minor={"dtick": "D1", "showgrid": True, "gridcolor": "#f3f5f7"},
+    made = [
+        Panel(
+            [trace for upper in (True, False) for trace in _dumbbells(pairs, upper, series[0] if upper else series[1])],
+            rows_axis(dict.fromkeys(p.row for p in pairs)),
+            axis(
+                title,
+                type="log",
+                range=[log10(low), log10(high)],
+                dtick=1,
+                minor={"dtick": "D1", "showgrid": True, "gridcolor": "#f3f5f7"},
+            ),
+            title=name,
+            left=142,
         )
-        axes[f"yaxis{n}"] = axis(
-            "",
-            range=[-0.6, len(rows) - 0.4],
-            tickvals=list(row.values()),
-            ticktext=[f"<b>{r}</b>" for r in row],
-            anchor=f"x{n}",
-            showgrid=False,
-            fixedrange=True,
-        )
-        notes.append(
-            {
-                "text": f"<b>{name}</b>",
-                "xref": "paper",
-                "yref": "paper",
-                "x": start,
-                "y": 1.005,
-                "xanchor": "left",
-                "yanchor": "bottom",
-                "showarrow": False,
-                "font": {"size": 17},
-            }
-        )
-        where = {"xaxis": f"x{n}", "yaxis": f"y{n}"}
-        for upper in (True, False):
-            mine = [p for p in pairs if p.upper == upper]
-            y = [row[p.row] + (LIFT if upper else -LIFT) for p in mine]
-            word = series[0] if upper else series[1]
-            data.append(
-                {
-                    "type": "scatter",
-                    "mode": "lines",
-                    "x": [v for p in mine for v in (p.before, p.after, None)],
-                    "y": [v for at in y for v in (at, at, None)],
-                    "line": {"color": INK if upper else GREY, "width": 3},
-                    "name": word + (" (upper of the two)" if upper else " (lower)"),
-                    "showlegend": i == 0,
-                    "hoverinfo": "skip",
-                    **where,
-                }
-            )
-            for key, marker in (("before", PUBLISHED_BEFORE), ("after", PUBLISHED)):
-                paint = [colour[p.row] for p in mine]
-                style = {**marker, "line": {"width": 2.5, "color": paint}} if key == "before" else {**marker, "color": paint}
-                data.append(
-                    {
-                        "type": "scatter",
-                        "mode": "markers",
-                        "x": [getattr(p, key) for p in mine],
-                        "y": y,
-                        "marker": style,
-                        "showlegend": False,
-                        "customdata": [p.row for p in mine],
-                        "hovertemplate": f"%{{customdata}}, {word}, caches {'off' if key == 'before' else 'on'}: %{{x}}<extra></extra>",
-                        **where,
-                    }
-                )
-            data.append(
-                {
-                    "type": "scatter",
-                    "mode": "text",
-                    "x": [max(p.before, p.after) for p in mine],
-                    "y": y,
-                    "text": [f"    {p.before / p.after:.2f}×" for p in mine],
-                    "textposition": "middle right",
-                    "showlegend": False,
-                    "hoverinfo": "skip",
-                    "cliponaxis": False,
-                    "textfont": {"color": [VERMILION if p.before < p.after else INK for p in mine]},
-                    **where,
-                }
-            )
-    for word, marker in (("caches off", PUBLISHED_BEFORE), ("caches on", PUBLISHED)):
-        data.append({"type": "scatter", "mode": "markers", "x": [None], "y": [None], "marker": marker, "name": word})
-    return {
-        "data": data,
-        "layout": layout(height, **axes, annotations=notes, margin={"l": 20, "r": 16, "t": 72, "b": 48}, legend=LEGEND),
-    }
+        for name, pairs in panels.items()
+    ]
+    words = (f"{series[0]} (upper of the two)", INK), (f"{series[1]} (lower)", GREY)
+    lines = [key(word, type="scatter", mode="lines", line={"color": colour, "width": 3}) for word, colour in words]
+    before = key("caches off", type="scatter", mode="markers", marker=PUBLISHED_BEFORE)
+    after = key("caches on", type="scatter", mode="markers", marker=PUBLISHED)
+    return stack(made, height=height, keys=[*lines, before, after])
+
+
+def _dumbbells(pairs: Sequence[Pair], upper: bool, word: str) -> list[Spec]:
+    """Lines, points before, points after, factors."""
+    place = {row: -i for i, row in enumerate(dict.fromkeys(p.row for p in pairs))}
+    colour = colours(place)
+    mine = [p for p in pairs if p.upper == upper]
+    y = [place[p.row] + (LIFT if upper else -LIFT) for p in mine]
+    paint = [colour[p.row] for p in mine]
+
+    def points(values: list[float], state: str, marker: Spec) -> Spec:
+        return {
+            "type": "scatter",
+            "mode": "markers",
+            "x": values,
+            "y": y,
+            "marker": marker,
+            "showlegend": False,
+            "customdata": [p.row for p in mine],
+            "hovertemplate": f"%{{customdata}}, {word}, caches {state}: %{{x}}<extra></extra>",
+        }
+
+    return [
+        {
+            "type": "scatter",
+            "mode": "lines",
+            "x": [v for p in mine for v in (p.before, p.after, None)],
+            "y": [v for at in y for v in (at, at, None)],
+            "line": {"color": INK if upper else GREY, "width": 3},
+            "showlegend": False,
+            "hoverinfo": "skip",
+        },
+        points([p.before for p in mine], "off", {**PUBLISHED_BEFORE, "line": {"width": 2.5, "color": paint}}),
+        points([p.after for p in mine], "on", {**PUBLISHED, "color": paint}),
+        {
+            "type": "scatter",
+            "mode": "text",
+            "x": [max(p.before, p.after) for p in mine],
+            "y": y,
+            "text": [f"    {p.before / p.after:.2f}×" for p in mine],
+            "textposition": "middle right",
+            "showlegend": False,
+            "hoverinfo": "skip",
+            "cliponaxis": False,
+            "textfont": {"size": FONT, "color": [VERMILION if p.before < p.after else INK for p in mine]},
+        },
+    ]
 
 
 @dataclass(frozen=True)
@@ -136,52 +122,24 @@ class Bar:
     published: float | None = None
 
 
-def stacked(
-    bars: Sequence[Bar], parts: Mapping[str, str], title: str, domain: tuple[float, float], high: float, suffix: str = ""
-) -> tuple[list[dict[str, Any]], dict[str, Any]]:
-    """Traces and axes of horizontal stacked bars on the axes `x{suffix}`, `y{suffix}`; `parts` gives each part its colour."""
-    names = [b.name for b in bars][::-1]
-    where = {"xaxis": f"x{suffix}", "yaxis": f"y{suffix}"}
-    data: list[dict[str, Any]] = [
+def stacked(bars: Sequence[Bar], parts: Mapping[str, str], x: Spec, **more: Any) -> Panel:
+    """Horizontal stacked bars over the axis `x`; `parts` gives each part its colour. `more` are other attributes of the `Panel`."""
+    drawn: list[Spec] = [
         {
             "type": "bar",
             "orientation": "h",
             "x": [b.parts[k] for b in bars],
-            "y": [names.index(b.name) for b in bars],
+            "y": [-i for i in range(len(bars))],
             "name": part,
             "width": 0.5,
             "marker": {"color": colour, "line": {"color": "white", "width": 1}},
             "hovertemplate": f"{part}: %{{x:.4g}}<extra></extra>",
-            **where,
         }
         for k, (part, colour) in enumerate(parts.items())
     ]
-    told = [b for b in bars if b.published is not None]
-    data.append(
-        {
-            "type": "scatter",
-            "mode": "markers",
-            "x": [b.published for b in told],
-            "y": [names.index(b.name) for b in told],
-            "marker": PUBLISHED,
-            "name": "measured (source 1)",
-            "hovertemplate": "measured: %{x:.4g}<extra></extra>",
-            "showlegend": bool(told),
-            **where,
-        }
-    )
-    return data, {
-        f"xaxis{suffix}": axis(title, domain=list(domain), range=[0, high], anchor=f"y{suffix}"),
-        f"yaxis{suffix}": axis(
-            "",
-            range=[-0.55, len(bars) - 0.45],
-            tickvals=list(range(len(names))),
-            ticktext=[f"<b>{n}</b>" for n in names],
-            anchor=f"x{suffix}",
-            showgrid=False,
-            fixedrange=True,
-        ),
-    }
+    told = {-i: b.published for i, b in enumerate(bars) if b.published is not None}
+    drawn.append(_published(list(told.values()), list(told)))
+    return Panel(drawn, rows_axis((b.name for b in bars), margin=0.55), x, **more)
 
 
 @dataclass(frozen=True)
@@ -194,69 +152,45 @@ class Factor:
     guess: float | None = None
 
 
-def factors(
-    rows: Sequence[Factor],
-    title: str,
-    low: float,
-    high: float,
-    domain: tuple[float, float] = (0, 1),
-    suffix: str = "",
-    guess: str = "",
-    line: float | None = None,
-) -> tuple[list[dict[str, Any]], dict[str, Any], list[dict[str, Any]]]:
-    """Traces, axes and shapes: a row per task with its measured factors as diamonds, its guess as a bar, the model's value as a line."""
-    where = {"xaxis": f"x{suffix}", "yaxis": f"y{suffix}"}
-    height = {r.row: len(rows) - 1 - i for i, r in enumerate(rows)}
-    guessed = [r for r in rows if r.guess is not None]
-    data: list[dict[str, Any]] = [
-        {
-            "type": "bar",
-            "orientation": "h",
-            "x": [r.guess for r in guessed],
-            "y": [height[r.row] for r in guessed],
-            "width": 0.34,
-            "name": guess,
-            "marker": {"color": [r.colour for r in guessed], "opacity": 0.55},
-            "showlegend": bool(guess),
-            "text": [f"{r.guess:.1f}×" for r in guessed],
-            "textposition": "inside",
-            "insidetextanchor": "middle",
-            "hovertemplate": f"{guess}: %{{x:.2f}}×<extra></extra>",
-            **where,
-        },
-        {
-            "type": "scatter",
-            "mode": "markers",
-            "x": [v for r in rows for v in r.measured],
-            "y": [height[r.row] for r in rows for _ in r.measured],
-            "marker": PUBLISHED,
-            "name": "measured (source 1)",
-            "showlegend": any(r.measured for r in rows),
-            "hovertemplate": "measured: %{x:.2f}×<extra></extra>",
-            **where,
-        },
+def factors(rows: Sequence[Factor], x: Spec, guess: str = "", line: float | None = None, **more: Any) -> Panel:
+    """A row per task with its measured factors as diamonds and its guess as a bar; a line at 1 and one at the model's value.
+
+    `guess` is what the legend calls the bars. `more` are other attributes of the `Panel`.
+    """
+    guessed = [(-i, r.guess, r.colour) for i, r in enumerate(rows) if r.guess is not None]
+    bars: Spec = {
+        "type": "bar",
+        "orientation": "h",
+        "x": [value for _, value, _ in guessed],
+        "y": [at for at, _, _ in guessed],
+        "width": 0.34,
+        "name": guess,
+        "marker": {"color": [colour for _, _, colour in guessed], "opacity": 0.55},
+        "showlegend": bool(guess),
+        "text": [f"{value:.1f}×" for _, value, _ in guessed],
+        "textposition": "inside",
+        "insidetextanchor": "middle",
+        "textfont": {"size": SMALL, "color": INK},
+        "hovertemplate": f"{guess}: %{{x:.2f}}×<extra></extra>",
+    }
+    measured = [(v, -i) for i, r in enumerate(rows) for v in r.measured]
+    marks = [(1.0, GREY, 1.5, "dot"), *([] if line is None else [(line, VERMILION, 4, "solid")])]
+    shapes = [
+        {"type": "line", "yref": "y domain", "x0": at, "x1": at, "y0": 0, "y1": 1, "line": {"color": c, "width": w, "dash": d}}
+        for at, c, w, d in marks
     ]
-    axes = {
-        f"xaxis{suffix}": axis(title, domain=list(domain), range=[low, high], anchor=f"y{suffix}"),
-        f"yaxis{suffix}": axis(
-            "",
-            range=[-0.6, len(rows) - 0.4],
-            tickvals=list(height.values()),
-            ticktext=[f"<b>{r}</b>" for r in height],
-            anchor=f"x{suffix}",
-            showgrid=False,
-            fixedrange=True,
-        ),
+    points = _published([v for v, _ in measured], [at for _, at in measured])
+    return Panel([bars, points], rows_axis(r.row for r in rows), x, shapes, **more)
+
+
+def _published(x: Sequence[float], y: Sequence[float]) -> Spec:
+    """Diamonds; what they are says the legend's own entry."""
+    return {
+        "type": "scatter",
+        "mode": "markers",
+        "x": x,
+        "y": y,
+        "marker": PUBLISHED,
+        "showlegend": False,
+        "hovertemplate": "measured: %{x:.4g}<extra></extra>",
     }
-    mark = {
-        "type": "line",
-        "xref": f"x{suffix}",
-        "yref": f"y{suffix} domain",
-        "y0": 0,
-        "y1": 1,
-        "line": {"color": INK, "width": 1.5, "dash": "dash"},
-    }
-    shapes = [{**mark, "x0": 1, "x1": 1, "line": {"color": GREY, "width": 1.5, "dash": "dot"}}]
-    if line is not None:
-        shapes.append({**mark, "x0": line, "x1": line, "line": {"color": VERMILION, "width": 4}})
-    return data, axes, shapes

@@ -6,9 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from labkit.figures.style import BLUE, GREY, INK, ORANGE, PALE, layout
+from labkit.figures.panel import Panel, stack
+from labkit.figures.style import BLUE, FONT, GREY, INK, ORANGE, PALE, Spec, axis, key
 
 PITCH, TALL = 1.75, 1.0  # distance of two lanes and height of a cell
+HEADLINE = 58  # px, room for its two lines
 PALE_SKY, DARK = "#b3ddf5", "#b64700"
 
 #: State of a cell -> its colour, the colour of its text, and what the legend says (None: no entry). Light, middle and dark,
@@ -66,34 +68,70 @@ def lanes(
     stages: Sequence[str] = (),
     stage: int = 0,
     alarms: Sequence[int] = (),
-    height: int = 530,
-) -> dict[str, Any]:
+    height: int = 540,
+) -> Spec:
     """Lanes from top to bottom under a strip of stages, of which `stage` is the one shown and `alarms` are those that failed.
 
     `address` is that of the first column and `line` the bytes per cache line. `headline` says in one line what happens,
     `remark` (drawn as a warning) what is wrong with it. Traces are always the same: stages, cells, moves, one per legend entry.
     """
-    columns = len(places[0].text)
     level = [PITCH * (len(places) - 1 - i) for i in range(len(places))]
-    top = level[0] + TALL / 2
-    starts = [c for c in range(columns) if not c or (address + c) % line == 0]
     warning = f"<br><span style='color:{DARK}'><b>✗ {remark}</b></span>" if remark else ""
+    told = {
+        "text": f"<b>{headline}</b>{warning}",
+        "x": 0,
+        "xref": "x domain",
+        "xanchor": "left",
+        "align": "left",
+        "y": 1,
+        "yref": "y domain",
+        "yanchor": "top",
+        "yshift": HEADLINE,
+    }
+    shapes, notes = _frames(places, level, address, line, spans)
+    rows = 1 + max((span.row for span in spans), default=0)
+    names = [f"<b>{lane.name}</b>" for lane in places]
+    y = axis(
+        "",
+        range=[-1.1, level[0] + TALL / 2 + 0.3 + 0.72 * rows],
+        tickvals=level,
+        ticktext=names,
+        ticks="",
+        showgrid=False,
+        showline=False,
+    )
+    bytes_ = Panel(
+        [_cells(places, level, address), _moves(moves, level)],
+        {**y, "fixedrange": True},
+        _hidden(-0.15, len(places[0].text) + 0.15),
+        shapes,
+        [told, *notes],
+        above=HEADLINE,
+        height=7.5,
+        left=92,
+    )
+    strip = Panel([_strip(stages, stage, alarms)], _hidden(0, 1), _hidden(0, max(1, len(stages))), left=92)
+    square: Spec = {"symbol": "square", "size": 15, "line": {"color": GREY, "width": 1}}
+    keys = [key(n, type="scatter", mode="markers", marker=square | {"color": c}) for c, _, n in STATES.values() if n]
+    return stack(strip, bytes_, height=height, keys=keys, bottom=14, dragmode=False)
+
+
+def _hidden(low: float, high: float) -> Spec:
+    return {"range": [low, high], "visible": False, "fixedrange": True}
+
+
+def _frames(
+    places: Sequence[Lane], level: Sequence[float], address: int, line: int, spans: Sequence[Span]
+) -> tuple[list[Spec], list[Spec]]:
+    """Shapes and notes: edges and addresses of the cache lines, dirty lines, named spans above the lanes."""
+    columns, top = len(places[0].text), level[0] + TALL / 2
+    starts = [c for c in range(columns) if not c or (address + c) % line == 0]
     notes = [
-        {
-            "text": f"<b>{headline}</b>{warning}",
-            "xref": "paper",
-            "yref": "paper",
-            "x": 0,
-            "y": 0.865,
-            "xanchor": "left",
-            "yanchor": "top",
-            "align": "left",
-            "showarrow": False,
-        }
+        _line_name(start, stop, columns, (address + start) & -line)
+        for start, stop in zip(starts, [*starts[1:], columns], strict=True)
     ]
-    notes += [_line_name(start, stop, columns, (address + start) & -line) for start, stop in zip(starts, [*starts[1:], columns])]
     shapes = [_shape("line", (c, c), (-TALL / 2 - 0.15, top + 0.15), color=INK, width=2, dash="dash") for c in starts[1:]]
-    for lane, y in zip(places, level):
+    for lane, y in zip(places, level, strict=True):
         for start, stop in lane.dirty:
             shapes.append(_shape("rect", (start, stop), (y - TALL / 2 - 0.04, y + TALL / 2 + 0.04), color=INK, width=3))
             above = y + TALL / 2 + 0.07
@@ -105,57 +143,17 @@ def lanes(
         box = _shape("rect", (span.start, span.stop), (low, low + 0.6), color="white", width=2)
         shapes.append(box | {"fillcolor": span.colour})
         notes.append(_text(span.name, (span.start + span.stop) / 2, low + 0.3))
-    rows = 1 + max((span.row for span in spans), default=0)
-    data = [_strip(stages, stage, alarms), _cells(places, level, address), _moves(moves, level)]
-    data += [
-        {
-            "type": "scatter",
-            "mode": "markers",
-            "x": [None],
-            "y": [None],
-            "name": name,
-            "hoverinfo": "skip",
-            "marker": {"symbol": "square", "size": 15, "color": colour, "line": {"color": GREY, "width": 1}},
-        }
-        for colour, _, name in STATES.values()
-        if name
-    ]
-    return {
-        "data": data,
-        "layout": layout(
-            height,
-            annotations=notes,
-            shapes=shapes,
-            dragmode=False,
-            barmode="overlay",
-            margin={"l": 92, "r": 12, "t": 6, "b": 40},
-            xaxis={"range": [-0.15, columns + 0.15], "visible": False, "fixedrange": True, "anchor": "y"},
-            yaxis={
-                "range": [-1.1, top + 0.3 + 0.72 * rows],
-                "domain": [0, 0.76],
-                "tickvals": level,
-                "fixedrange": True,
-                "showgrid": False,
-                "zeroline": False,
-                "ticktext": [f"<b>{lane.name}</b>" for lane in places],
-                "ticks": "",
-                "automargin": True,
-            },
-            xaxis2={"range": [0, max(1, len(stages))], "visible": False, "fixedrange": True, "anchor": "y2"},
-            yaxis2={"range": [0, 1], "domain": [0.885, 1], "visible": False, "fixedrange": True, "anchor": "x2"},
-            legend={"orientation": "h", "y": -0.02, "yanchor": "top", "x": 1, "xanchor": "right"},
-        ),
-    }
+    return shapes, notes
 
 
-def _line_name(start: int, stop: int, columns: int, address: int) -> dict[str, Any]:
+def _line_name(start: int, stop: int, columns: int, address: int) -> Spec:
     """The address of a cache line under its columns; at the window's edge where they are too few for it."""
     narrow = stop - start < columns / 5
     x, anchor = ((start, "left") if not start else (stop, "right")) if narrow else ((start + stop) / 2, "center")
     return _text(f"line at 0x{address:08X}", x, -TALL / 2 - 0.15, xanchor=anchor, yanchor="top")
 
 
-def _strip(stages: Sequence[str], stage: int, alarms: Sequence[int]) -> dict[str, Any]:
+def _strip(stages: Sequence[str], stage: int, alarms: Sequence[int]) -> Spec:
     """The stages as a row of boxes: done, shown, still to come; those that fail carry a cross."""
     n = range(len(stages))
     crossed = [("✗ " if i in alarms else "") + name for i, name in enumerate(stages)]
@@ -164,8 +162,6 @@ def _strip(stages: Sequence[str], stage: int, alarms: Sequence[int]) -> dict[str
         "x": [i + 0.5 for i in n],
         "y": [1] * len(stages),
         "width": 0.96,
-        "xaxis": "x2",
-        "yaxis": "y2",
         "showlegend": False,
         "text": [f"<b>{name}</b>" if i == stage else name for i, name in enumerate(crossed)],
         "textposition": "inside",
@@ -173,7 +169,7 @@ def _strip(stages: Sequence[str], stage: int, alarms: Sequence[int]) -> dict[str
         "constraintext": "none",
         "textangle": 0,
         "hoverinfo": "skip",
-        "insidetextfont": {"color": ["white" if i == stage else DARK if i in alarms else INK for i in n]},
+        "insidetextfont": {"size": FONT, "color": ["white" if i == stage else DARK if i in alarms else INK for i in n]},
         "marker": {
             "color": [BLUE if i == stage else PALE if i < stage else "white" for i in n],
             "line": {"width": 2, "color": [DARK if i in alarms else PALE for i in n]},
@@ -181,10 +177,10 @@ def _strip(stages: Sequence[str], stage: int, alarms: Sequence[int]) -> dict[str
     }
 
 
-def _cells(places: Sequence[Lane], level: Sequence[float], address: int) -> dict[str, Any]:
+def _cells(places: Sequence[Lane], level: Sequence[float], address: int) -> Spec:
     cells = [
         (c, y, lane.name, text, state)
-        for lane, y in zip(places, level)
+        for lane, y in zip(places, level, strict=True)
         for c, (text, state) in enumerate(zip(lane.text, lane.state, strict=True))
     ]
     return {
@@ -199,7 +195,7 @@ def _cells(places: Sequence[Lane], level: Sequence[float], address: int) -> dict
         "insidetextanchor": "middle",
         "constraintext": "none",
         "textangle": 0,
-        "insidetextfont": {"color": [STATES[state][1] for *_, state in cells]},
+        "insidetextfont": {"size": FONT, "color": [STATES[state][1] for *_, state in cells]},
         "marker": {"color": [STATES[state][0] for *_, state in cells], "line": {"width": 1, "color": PALE}},
         "customdata": [
             f"{name}, 0x{address + c:08X}<br>" + (f"{text}  {STATES[state][2] or ''}" if text else "not held")
@@ -209,7 +205,7 @@ def _cells(places: Sequence[Lane], level: Sequence[float], address: int) -> dict
     }
 
 
-def _moves(moves: Sequence[Move], level: Sequence[float]) -> dict[str, Any]:
+def _moves(moves: Sequence[Move], level: Sequence[float]) -> Spec:
     between = [level[m.lane] - (PITCH / 2 if m.kind in ("up", "down") else 0) for m in moves]
     colour = [_SYMBOLS[m.kind][1] for m in moves]
     return {
@@ -228,9 +224,9 @@ def _moves(moves: Sequence[Move], level: Sequence[float]) -> dict[str, Any]:
     }
 
 
-def _text(text: str, x: float, y: float, **more: Any) -> dict[str, Any]:
-    return {"text": text, "x": x, "y": y, "xref": "x", "yref": "y", "showarrow": False} | more
+def _text(text: str, x: float, y: float, **more: Any) -> Spec:
+    return {"text": text, "x": x, "y": y} | more
 
 
-def _shape(kind: str, x: tuple[float, float], y: tuple[float, float], **line: Any) -> dict[str, Any]:
-    return {"type": kind, "x0": x[0], "x1": x[1], "y0": y[0], "y1": y[1], "xref": "x", "yref": "y", "line": line}
+def _shape(kind: str, x: tuple[float, float], y: tuple[float, float], **line: Any) -> Spec:
+    return {"type": kind, "x0": x[0], "x1": x[1], "y0": y[0], "y1": y[1], "line": line}

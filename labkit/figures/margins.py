@@ -4,11 +4,29 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from labkit.figures.style import BLUE, GREEN, GREY, INK, LEGEND, ORANGE, PALE, VERMILION, axis, layout
+from labkit.figures.panel import Panel, stack
+from labkit.figures.style import (
+    BLUE,
+    BOUND,
+    CROSSED,
+    DEADLINE,
+    FONT,
+    GREEN,
+    INK,
+    ORANGE,
+    PUBLISHED,
+    VERMILION,
+    Spec,
+    axis,
+    key,
+    rows_axis,
+)
+
+EXPECTED: Spec = {"color": VERMILION, "width": 4, "dash": "dash"}
+PERIOD: Spec = {"color": INK, "width": 4}
 
 
 @dataclass(frozen=True)
@@ -21,72 +39,35 @@ class Response:
     deadline: float
 
 
-def responses(rows: Sequence[Response], height: int = 430) -> dict[str, Any]:
+def responses(rows: Sequence[Response], height: int = 430) -> Spec:
     """A row per task: the bound as a wide pale bar, the simulation as a narrow one inside it, the deadline as a line."""
-    at = list(range(len(rows)))[::-1]
+    at = [-i for i in range(len(rows))]
     bounds = [0 if r.bound is None else r.bound for r in rows]
-    over = [r.longest > r.deadline for r in rows]
-    most = max(max(r.longest, r.deadline, b) for r, b in zip(rows, bounds, strict=True))
-    data: list[dict[str, Any]] = [
-        {
-            "type": "bar",
-            "orientation": "h",
-            "x": bounds,
-            "y": at,
-            "width": 0.72,
-            "name": "bound by analysis",
-            "marker": {"color": PALE, "line": {"color": GREY, "width": 1.5}},
-            "hovertemplate": "bound %{x:.2f} ms<extra></extra>",
-        },
-        {
-            "type": "bar",
-            "orientation": "h",
-            "x": [r.longest for r in rows],
-            "y": at,
-            "width": 0.36,
-            "name": "longest response, simulated",
-            "marker": {"color": [VERMILION if late else BLUE for late in over], "line": {"width": 0}},
-            "hovertemplate": "longest response %{x:.2f} ms<extra></extra>",
-        },
+    most = [max(r.longest, r.deadline, bound) for r, bound in zip(rows, bounds, strict=True)]
+    drawn: list[Spec] = [
+        _bars(bounds, at, 0.72, BOUND, "bound"),
+        _bars(
+            [r.longest for r in rows],
+            at,
+            0.36,
+            {"color": [VERMILION if r.longest > r.deadline else BLUE for r in rows], "line": {"width": 0}},
+            "longest response",
+        ),
         {
             "type": "scatter",
             "mode": "lines",
             "x": [v for r in rows for v in (r.deadline, r.deadline, None)],
             "y": [v for y in at for v in (y - 0.45, y + 0.45, None)],
-            "line": {"color": INK, "width": 3},
-            "name": "deadline",
-            "hoverinfo": "skip",
-        },
-        {
-            "type": "scatter",
-            "mode": "text",
-            "x": [max(r.longest, r.deadline, b) for r, b in zip(rows, bounds, strict=True)],
-            "y": at,
+            "line": DEADLINE,
             "showlegend": False,
-            "text": [f"  {r.longest:.1f} of {'no bound' if r.bound is None else f'{r.bound:.1f}'}" for r in rows],
-            "textposition": "middle right",
             "hoverinfo": "skip",
-            "textfont": {"color": INK},
         },
+        _text(most, at, [f"  {r.longest:.1f} of {'no bound' if r.bound is None else f'{r.bound:.1f}'}" for r in rows]),
     ]
-    return {
-        "data": data,
-        "layout": layout(
-            height,
-            barmode="overlay",
-            legend=LEGEND,
-            xaxis=axis("response time [ms]", range=[0, 1.16 * most]),
-            margin={"l": 80, "r": 16, "t": 46, "b": 54},
-            yaxis=axis(
-                "",
-                tickvals=at,
-                ticktext=[f"<b>{r.name}</b>" for r in rows],
-                range=[-0.6, len(rows) - 0.4],
-                showgrid=False,
-                fixedrange=True,
-            ),
-        ),
-    }
+    x = axis("response time [ms]", range=[0, 1.16 * max(most)])
+    simulated = key("longest response, simulated", type="bar", marker={"color": BLUE})
+    panel = Panel(drawn, rows_axis(r.name for r in rows), x)
+    return stack(panel, height=height, keys=("bound by analysis", simulated, "deadline"))
 
 
 def reserve(
@@ -97,7 +78,7 @@ def reserve(
     needs: Sequence[tuple[str, Sequence[float]]],
     period: float,
     height: int = 470,
-) -> dict[str, Any]:
+) -> Spec:
     """Left: how long the jobs ran, with the expected and the longest time. Right: what each way of planning needs of a period.
 
     Args:
@@ -107,21 +88,27 @@ def reserve(
         needs: (name, (main parts, exception parts)) in ms per period; the same number for every picture.
         period: length of the period in ms.
     """
+    keys = (
+        "published (source 2)",
+        key("ECET", type="scatter", mode="lines", line=EXPECTED),
+        key("main parts", type="bar", marker={"color": BLUE}),
+        key("exception parts", type="bar", marker={"color": GREEN, "pattern": CROSSED}),
+        key("period", type="scatter", mode="lines", line=PERIOD),
+    )
+    return stack([_run_times(times, longest, expected, published), _needs(needs, period)], height=height, keys=keys)
+
+
+def _run_times(times: np.ndarray, longest: float, expected: float, published: tuple[float, float]) -> Panel:
     edges = np.arange(0.0, longest + 5, 5.0)
     count = np.histogram(times, edges)[0] * (100 / len(times))
     middle = (edges[:-1] + edges[1:]) / 2
     steps = np.sort(times)
-    names = [name for name, _ in needs][::-1]
-    where = [names.index(name) for name, _ in needs]
-    totals = [sum(parts) for _, parts in needs]
-    right = 1.3 * max(period, *totals)
-    data: list[dict[str, Any]] = [
+    drawn: list[Spec] = [
         {
             "type": "bar",
             "x": middle,
             "y": count,
             "width": 5.0,
-            "name": "share of jobs per 5 ms",
             "showlegend": False,
             "marker": {"color": [BLUE if m <= expected else ORANGE for m in middle], "line": {"color": "white", "width": 1}},
             "hovertemplate": "about %{x} ms: %{y:.1f} % of the jobs<extra></extra>",
@@ -131,7 +118,6 @@ def reserve(
             "mode": "lines",
             "x": steps,
             "y": np.arange(1, len(steps) + 1) * (100 / len(steps)),
-            "name": "share of jobs below",
             "line": {"color": INK, "width": 3},
             "showlegend": False,
             "hovertemplate": "%{y:.1f} % run at most %{x:.1f} ms<extra></extra>",
@@ -141,90 +127,64 @@ def reserve(
             "mode": "markers",
             "x": [published[1], longest],
             "y": [100 * published[0], 100],
-            "name": "published (source 2)",
-            "marker": {"symbol": "diamond", "size": 14, "color": INK, "line": {"width": 1.5, "color": "white"}},
+            "marker": PUBLISHED,
+            "showlegend": False,
             "cliponaxis": False,
             "hovertemplate": "published: %{y:.0f} % below %{x:.0f} ms<extra></extra>",
         },
-        {
-            "type": "scatter",
-            "mode": "lines",
-            "x": [expected, expected],
-            "y": [0, 100],
-            "name": "ECET",
-            "line": {"color": VERMILION, "width": 4, "dash": "dash"},
-            "hoverinfo": "skip",
-        },
-        {
-            "type": "bar",
-            "orientation": "h",
-            "x": [parts[0] for _, parts in needs],
-            "y": where,
-            "width": 0.55,
-            "xaxis": "x2",
-            "yaxis": "y2",
-            "name": "main parts",
-            "marker": {"color": BLUE},
-            "hovertemplate": "main parts: %{x:.1f} ms<extra></extra>",
-        },
-        {
-            "type": "bar",
-            "orientation": "h",
-            "x": [parts[1] for _, parts in needs],
-            "y": where,
-            "width": 0.55,
-            "xaxis": "x2",
-            "yaxis": "y2",
-            "name": "exception parts",
-            "marker": {
-                "color": GREEN,
-                "pattern": {"shape": "x", "fillmode": "overlay", "fgcolor": "white", "fgopacity": 1, "size": 7, "solidity": 0.3},
-            },
-            "hovertemplate": "exception parts: %{x:.1f} ms<extra></extra>",
-        },
-        {
-            "type": "scatter",
-            "mode": "text",
-            "x": [max(total, period) for total in totals],
-            "y": where,
-            "xaxis": "x2",
-            "yaxis": "y2",
-            "text": [f"  <b>{total:.0f} ms</b>" for total in totals],
-            "textposition": "middle right",
-            "textfont": {"color": [VERMILION if total > period else INK for total in totals]},
-            "showlegend": False,
-            "hoverinfo": "skip",
-        },
-        {
-            "type": "scatter",
-            "mode": "lines",
-            "x": [period, period],
-            "y": [-0.6, len(needs) - 0.2],
-            "xaxis": "x2",
-            "yaxis": "y2",
-            "name": "period",
-            "line": {"color": INK, "width": 4},
-            "hoverinfo": "skip",
-        },
+        _line([expected, expected], [0, 100], EXPECTED),
     ]
-    return {
-        "data": data,
-        "layout": layout(
-            height,
-            barmode="stack",
-            legend=LEGEND,
-            margin={"l": 64, "r": 16, "t": 46, "b": 54},
-            xaxis=axis("run time of a contour filter [ms]", domain=[0, 0.44], range=[0, longest + 5]),
-            yaxis=axis("share of the jobs [%]", range=[0, 104]),
-            xaxis2=axis("processor time in a period [ms]", domain=[0.6, 1], range=[0, right], anchor="y2"),
-            yaxis2=axis(
-                "",
-                tickvals=where,
-                ticktext=[f"<b>{name}</b>" for name, _ in needs],
-                range=[-0.6, len(needs) - 0.2],
-                showgrid=False,
-                fixedrange=True,
-                anchor="x2",
-            ),
+    x = axis("run time of a contour filter [ms]", range=[0, longest + 5])
+    return Panel(drawn, axis("share of the jobs [%]", range=[0, 104]), x, width=1.1)
+
+
+def _needs(needs: Sequence[tuple[str, Sequence[float]]], period: float) -> Panel:
+    at = [-i for i in range(len(needs))]
+    totals = [sum(parts) for _, parts in needs]
+    main, exception = zip(*(parts for _, parts in needs), strict=True)
+    drawn = [
+        _bars(main, at, 0.55, {"color": BLUE}, "main parts"),
+        _bars(exception, at, 0.55, {"color": GREEN, "pattern": CROSSED}, "exception parts") | {"base": main},
+        _text(
+            [max(total, period) for total in totals],
+            at,
+            [f"  <b>{total:.0f} ms</b>" for total in totals],
+            [VERMILION if total > period else INK for total in totals],
         ),
+        _line([period, period], [0.4 - len(needs), 0.8], PERIOD),
+    ]
+    x = axis("processor time in a period [ms]", range=[0, 1.3 * max(period, *totals)])
+    y = rows_axis((name for name, _ in needs))
+    return Panel(drawn, {**y, "range": [0.4 - len(needs), 0.8]}, x, left=190)
+
+
+def _bars(length: Sequence[float], at: Sequence[float], width: float, marker: Spec, words: str) -> Spec:
+    return {
+        "type": "bar",
+        "orientation": "h",
+        "x": length,
+        "y": at,
+        "width": width,
+        "marker": marker,
+        "showlegend": False,
+        "hovertemplate": f"{words} %{{x:.2f}} ms<extra></extra>",
+    }
+
+
+def _line(x: Sequence[float], y: Sequence[float], line: Spec) -> Spec:
+    return {"type": "scatter", "mode": "lines", "x": x, "y": y, "line": line, "showlegend": False, "hoverinfo": "skip"}
+
+
+def _text(x: Sequence[float], y: Sequence[float], text: Sequence[str], colour: str | Sequence[str] = INK) -> Spec:
+    return {
+        "type": "scatter",
+        "mode": "text",
+        "x": x,
+        "y": y,
+        "text": text,
+        "textposition": "middle right",
+        "textfont": {"size": FONT, "color": colour},
+        "cliponaxis": False,
+        "showlegend": False,
+        "hoverinfo": "skip",
     }

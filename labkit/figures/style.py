@@ -6,6 +6,8 @@ from collections.abc import Iterable
 from typing import Any
 from zlib import crc32
 
+Spec = dict[str, Any]  # a part of a plotly figure, as plotly.js takes it
+
 BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY, YELLOW = (
     "#0072B2",
     "#D55E00",
@@ -15,7 +17,7 @@ BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY, YELLOW = (
     "#56B4E9",
     "#F0E442",
 )
-INK, GREY, PALE = "#1f2328", "#8c959f", "#d8dee4"
+INK, GREY, PALE, GRID = "#1f2328", "#8c959f", "#d8dee4", "#e6e9ec"
 PALETTE = (BLUE, ORANGE, GREEN, PURPLE, SKY, VERMILION, "#7A5195", "#8B5A2B", "#4D7C0F", "#B03060")
 
 #: Tasks that appear in more than one notebook keep their colour in all of them.
@@ -60,13 +62,71 @@ TASK_COLOURS = {
     "Tmr Svc": GREY,
 }
 
-#: How every picture marks a number that a source printed (or that follows from two of them): a dark diamond.
-PUBLISHED = {"symbol": "diamond", "size": 14, "color": INK, "line": {"width": 1.5, "color": "white"}}
-#: The same for the one of a pair that is "before": open.
-PUBLISHED_BEFORE = {"symbol": "diamond", "size": 13, "color": "white", "line": {"width": 2.5, "color": INK}}
+#: Sizes of text in px: everything; a panel's title; what has little room. The page scales them for a lecture.
+FONT, TITLE, SMALL = 15, 17, 13
 
-#: A wide legend in one line at the upper edge. It hangs on the container, because plotly forgets to lift it when it was drawn narrow first.
-LEGEND = {"orientation": "h", "yref": "container", "y": 1.0, "yanchor": "top", "x": 1, "xanchor": "right", "traceorder": "normal"}
+#: How every picture marks a number that a source printed (or that follows from two of them): a dark diamond.
+PUBLISHED: Spec = {"symbol": "diamond", "size": 14, "color": INK, "line": {"width": 1.5, "color": "white"}}
+#: The same for the one of a pair that is "before": open.
+PUBLISHED_BEFORE: Spec = {"symbol": "diamond", "size": 13, "color": "white", "line": {"width": 2.5, "color": INK}}
+#: What analysis says is never exceeded: a wide pale bar behind what happened.
+BOUND: Spec = {"color": PALE, "line": {"color": GREY, "width": 1.5}}
+
+#: How every picture of a schedule marks what happens to a job.
+RELEASE: Spec = {"symbol": "triangle-up", "size": 11, "color": INK}
+DEADLINE: Spec = {"color": INK, "width": 2}
+ABORT: Spec = {"symbol": "octagon", "size": 13, "color": "white", "line": {"color": INK, "width": 3}}
+MISS: Spec = {"symbol": "x", "size": 15, "color": VERMILION, "line": {"color": "white", "width": 1.5}}
+#: And how the bars of a task differ: an exception part is crossed, a wait hatched, a task that is only ready a thin line.
+CROSSED: Spec = {"shape": "x", "fillmode": "overlay", "fgcolor": "white", "fgopacity": 1, "size": 7, "solidity": 0.3}
+OUTLINED: Spec = {"color": INK, "width": 1.5}
+WAITS: Spec = {
+    "color": "rgba(255,255,255,0)",
+    "line": {"color": GREY, "width": 1.5},
+    "pattern": {"shape": "/", "fgcolor": GREY, "size": 7, "solidity": 0.25},
+}
+READY: Spec = {"color": GREY, "line": {"width": 0}}
+LOCKS = (YELLOW, SKY, "#F4B6C2", "#B8E0B0")  # the strip of the first, second, ... lock
+
+#: A legend at the upper edge. It hangs on the container, because plotly forgets to lift it when it was drawn narrow first.
+LEGEND: Spec = {
+    "orientation": "h",
+    "yref": "container",
+    "y": 1.0,
+    "yanchor": "top",
+    "x": 1,
+    "xanchor": "right",
+    "traceorder": "normal",
+}
+#: One at the right edge, beside layers that are stacked from the bottom.
+LEGEND_ASIDE: Spec = {"x": 1.01, "xanchor": "left", "y": 1, "yanchor": "top", "traceorder": "reversed"}
+
+
+def pale(colour: str) -> str:
+    """A colour "#rrggbb" mixed with white; not transparent, since lines lie under the bars."""
+    return "#" + "".join(f"{255 - round(0.45 * (255 - int(colour[i : i + 2], 16))):02x}" for i in (1, 3, 5))
+
+
+#: Legend entry -> how it is drawn, for everything that means the same in all pictures.
+KEYS: dict[str, Spec] = {
+    "ready": {"type": "bar", "marker": READY},
+    "waits for lock, queue, signal": {"type": "bar", "marker": WAITS},
+    "holds lock": {"type": "bar", "marker": {"color": YELLOW, "line": {"color": INK, "width": 1}}},
+    "beyond expected time": {"type": "bar", "marker": {"color": pale(BLUE)}},
+    "exception part": {"type": "bar", "marker": {"color": BLUE, "pattern": CROSSED, "line": OUTLINED}},
+    "release": {"type": "scatter", "mode": "markers", "marker": RELEASE},
+    "deadline": {"type": "scatter", "mode": "lines", "line": DEADLINE},
+    "deadline missed": {"type": "scatter", "mode": "markers", "marker": MISS},
+    "aborted": {"type": "scatter", "mode": "markers", "marker": ABORT},
+    "bound by analysis": {"type": "bar", "marker": BOUND},
+    "measured (source 1)": {"type": "scatter", "mode": "markers", "marker": PUBLISHED},
+    "published (source 2)": {"type": "scatter", "mode": "markers", "marker": PUBLISHED},
+}
+
+
+def key(name: str, **drawn: Any) -> Spec:
+    """A trace that is only an entry of the legend: one of `KEYS`, or as given. Plotly leaves out those of empty traces."""
+    return {"x": [None], "y": [None], "hoverinfo": "skip", "name": name, **(drawn or KEYS[name])}
 
 
 def colours(names: Iterable[str]) -> dict[str, str]:
@@ -82,11 +142,11 @@ def colours(names: Iterable[str]) -> dict[str, str]:
     return chosen
 
 
-def axis(title: str, **more: Any) -> dict[str, Any]:
+def axis(title: str, **more: Any) -> Spec:
     """An axis with a title that names its unit, light grid, no zero line."""
     return {
         "title": {"text": title, "standoff": 8},
-        "gridcolor": "#e6e9ec",
+        "gridcolor": GRID,
         "zeroline": False,
         "linecolor": GREY,
         "ticks": "outside",
@@ -94,17 +154,29 @@ def axis(title: str, **more: Any) -> dict[str, Any]:
     } | more
 
 
-def layout(height: int, **more: Any) -> dict[str, Any]:
-    """The layout every figure of the lab starts from; `height` in pixels."""
+def rows_axis(names: Iterable[str], margin: float = 0.6, **more: Any) -> Spec:
+    """A y axis with a row per name, the first at the top: names[i] stands at height -i."""
+    ticks = [f"<b>{name}</b>" for name in names]
+    return axis(
+        "",
+        range=[1 - len(ticks) - margin, margin],
+        tickvals=[-i for i in range(len(ticks))],
+        ticktext=ticks,
+        showgrid=False,
+        fixedrange=True,
+        **more,
+    )
+
+
+def layout(height: int, **more: Any) -> Spec:
+    """The layout every figure of the lab starts from; `height` in px. The page sets the width and scales the text."""
     return {
         "height": height,
-        "autosize": True,
-        "template": "none",
         "paper_bgcolor": "white",
         "plot_bgcolor": "white",
         "font": {"family": "Open Sans, Segoe UI, Arial, sans-serif", "color": INK},
-        "margin": {"l": 70, "r": 20, "t": 40, "b": 50},
-        "legend": {"orientation": "h", "y": 1.0, "yanchor": "bottom", "x": 1, "xanchor": "right"},
         "uirevision": "keep",
+        "barmode": "overlay",
         "hovermode": "closest",
-    } | more
+        **more,
+    }

@@ -1,0 +1,282 @@
+"""Who ran when: one way to draw the trace of any scheduler, from three jobs to a million slices."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from labkit.figures.history import BEYOND, EXCEPTION, MAIN, History
+from labkit.figures.panel import Panel
+from labkit.figures.style import (
+    ABORT,
+    CROSSED,
+    DEADLINE,
+    FONT,
+    INK,
+    LOCKS,
+    MISS,
+    OUTLINED,
+    READY,
+    RELEASE,
+    SMALL,
+    VERMILION,
+    WAITS,
+    Spec,
+    axis,
+    colours,
+    pale,
+)
+from labkit.trace import Trace
+
+BAR, THIN, STRIP = 0.6, 0.11, 0.36  # heights, in rows: a run, readiness, the strip of one lock below
+MOST = 2000  # marks in one Gantt; with more of them plotly needs longer than a picture may take
+COLUMNS = 700  # of the busy share: one for about two pixels
+
+Table = np.ndarray  # int64, shape (n, m): the task's index first; of an interval start and end last
+
+
+@dataclass(frozen=True)
+class _View:
+    """The window drawn, from `low` to `high` in units of the trace, and the row of each task (its index in the trace)."""
+
+    history: History
+    low: int
+    high: int
+    rows: Mapping[int, int]
+    pitch: float
+
+    def ms(self, time: Any) -> Any:
+        return (time - self.history.trace.start) * (1e3 / self.history.trace.hz)
+
+    def row(self, task: Table) -> Table:
+        """The number of the row of each task, from 0 at the top."""
+        table = np.zeros(len(self.history.trace.names), np.int64)
+        table[list(self.rows)] = list(self.rows.values())
+        return table[task]
+
+    def height(self, task: Table) -> np.ndarray:
+        return -self.pitch * self.row(task)
+
+    def intervals(self, table: np.ndarray) -> np.ndarray:
+        """Those in the window and in a row. Runs are in order and apart, so they are found without looking at all of them."""
+        first = int(np.searchsorted(table[:, -1], self.low, side="right")) if table is self.history.runs else 0
+        some = table[first : int(np.searchsorted(table[:, -2], self.high))]
+        return some[np.isin(some[:, 0], list(self.rows)) & (some[:, -1] > self.low)]
+
+    def events(self, time: np.ndarray, happened: np.ndarray | bool = True) -> np.ndarray:
+        """Columns (task, job, time) of what happened to jobs in the window and in a row; a time of -1 is never."""
+        made = self.history.jobs
+        some = (time >= max(self.low, 0)) & (time <= self.high) & np.isin(made.task, list(self.rows)) & happened
+        return np.stack([made.task[some], made.job[some], time[some]], axis=1)
+
+
+def gantt(
+    trace: Trace | History,
+    tasks: Sequence[str],
+    start: float,
+    end: float,
+    *,
+    locks: Sequence[str] = (),
+    pairs: bool = False,
+    remarks: Sequence[tuple[int, str, str]] = (),
+    alarms: Sequence[int] = (),
+    labels: Mapping[str, str] | None = None,
+    **more: Any,
+) -> Panel:
+    """A row per task: running, ready, waiting, what becomes of its jobs, and a strip below it for each lock it holds.
+
+    More than `MOST` marks are not drawn one by one: each row then shows as a filled curve which share of the time its task ran.
+    The number and order of traces depends on `tasks`, `locks` and `pairs` only.
+
+    Args:
+        trace: of any scheduler of the lab; a `History` of it where more than one window is drawn.
+        tasks: the rows from top to bottom. One that is not in the trace has an empty row.
+        start, end: the time axis in ms from the start of the trace. What is drawn goes half as far again on either side.
+        locks: those that get a strip.
+        pairs: whether the tasks have exception parts, so that aborts and what is beyond the expected time are drawn.
+        remarks: (time, task, text): a text to the right of that time, in units of the trace, in the row of that task.
+        alarms: times, in units of the trace, to mark across all rows.
+        labels: what the axis calls a task, where that is not its name.
+        more: other attributes of the `Panel`.
+    """
+    history = trace if isinstance(trace, History) else History(trace)
+    trace = history.trace
+    pitch = 1 + STRIP * len(locks)
+    height = {name: -i * pitch for i, name in enumerate(tasks)}
+    text = [(labels or {}).get(name, name) for name in tasks]
+    unit, pad = trace.hz / 1e3, (end - start) / 2
+    low, high = (trace.start + int(at * unit) for at in (start - pad, end + pad))
+    rows = {trace.names.index(name): i for i, name in enumerate(tasks) if name in trace.names}
+    view = _View(history, max(low, trace.start), min(high, trace.end), rows, pitch)
+    axis_y = axis(
+        "",
+        range=[0.5 - len(tasks) * pitch, 0.5],
+        tickvals=list(height.values()),
+        ticktext=[f"<b>{name}</b>" for name in text],
+        showgrid=False,
+        fixedrange=True,
+        automargin=False,
+    )
+    known = {
+        "notes": [_remark(view.ms(at), height[name], words) for at, name, words in remarks],
+        "shapes": [_alarm(view.ms(at)) for at in alarms],
+        "left": max(70, 26 + 10 * max(map(len, text))),
+        "height": pitch * len(tasks),
+    }
+    return Panel(_traces(view, tasks, locks, pairs), axis_y, **{**known, **more})
+
+
+def _traces(view: _View, tasks: Sequence[str], locks: Sequence[str], pairs: bool) -> list[Spec]:
+    paint, found = list(colours(tasks).values()), _found(view)
+    dense = sum(map(len, found.values())) > MOST
+    if dense:
+        found = {name: _thinned(view, table, name in ("abort", "miss")) for name, table in found.items()}
+    waits, runs = found["waits"], found["runs"]
+    names = np.array([*view.history.trace.names, "a notification"], dtype=object)
+    drawn = [_share(view, name, i, paint[i], dense) for i, name in enumerate(tasks)]
+    drawn.append(_bars(view, found["ready"], THIN, READY, "ready, not running"))
+    drawn.append(_bars(view, waits, BAR, WAITS, "waits for %{customdata}", names[waits[:, 1]].tolist()))
+    drawn.append(_runs(view, runs, MAIN, paint, ""))
+    if pairs:
+        drawn.append(_runs(view, runs, BEYOND, [pale(colour) for colour in paint], ", beyond its expected time"))
+        drawn.append(_runs(view, runs, EXCEPTION, paint, ", exception part", pattern=CROSSED, line=OUTLINED))
+    drawn += [_strip(view, found["holds"], lock, i) for i, lock in enumerate(locks)]
+    drawn.append(_deadlines(view, found["deadline"]))
+    drawn.append(_marks(view, found["release"], RELEASE, "release", 0.03 - BAR / 2))
+    if pairs:
+        drawn.append(_marks(view, found["abort"], ABORT, "main part aborted"))
+    return [*drawn, _marks(view, found["miss"], MISS, "deadline missed")]
+
+
+def _found(view: _View) -> dict[str, Table]:
+    """What there is to draw in the window; where the runs alone are too many, only these and what goes wrong."""
+    history = view.history
+    runs, jobs = view.intervals(history.runs), history.jobs
+    few = len(runs) <= MOST // 2
+    found = {
+        "runs": runs,
+        "abort": view.events(jobs.abort),
+        "miss": view.events(np.where(jobs.missed, jobs.deadline, -1)),
+        "release": view.events(jobs.release),
+        "deadline": view.events(jobs.deadline),
+    }
+    for name, width in (("ready", 3), ("waits", 4), ("holds", 4)):
+        found[name] = view.intervals(getattr(history, name)) if few else np.empty((0, width), np.int64)
+    return found
+
+
+def _thinned(view: _View, table: Table, kept: bool) -> Table:
+    """Of each task one event per column of the picture, as many columns as there may be; nothing where a curve says it."""
+    columns = MOST // (2 * max(len(view.rows), 1))
+    at = (table[:, -1] - view.low) * columns // max(view.high - view.low, 1)
+    _, first = np.unique(table[:, 0] * (columns + 1) + at, return_index=True)
+    return table[first] if kept else table[:0]
+
+
+def _share(view: _View, name: str, row: int, colour: str, dense: bool) -> Spec:
+    """The share of the time that a task runs, as a curve filled down to the foot of its row."""
+    names = view.history.trace.names
+    x, y = np.empty(0), np.empty(0)
+    if dense and name in names:
+        edges = np.linspace(view.low, view.high, COLUMNS + 1)
+        share = view.history.share(names.index(name), edges)
+        x = view.ms(np.repeat(edges, 2))
+        y = -view.pitch * row - BAR / 2 + BAR * np.concatenate([[0], np.repeat(share, 2), [0]])
+    return {
+        "type": "scatter",
+        "mode": "lines",
+        "x": x,
+        "y": y,
+        "fill": "toself",
+        "fillcolor": colour,
+        "line": {"width": 0},
+        "showlegend": False,
+        "hoverinfo": "skip",
+    }
+
+
+def _bars(view: _View, table: Table, width: float, marker: Spec, words: str, told: Any = None, below: float = 0.0) -> Spec:
+    """A bar per interval. Hovering over it says the name that the axis has at its height."""
+    start = view.ms(table[:, -2])
+    return {
+        "type": "bar",
+        "orientation": "h",
+        "base": start,
+        "x": view.ms(table[:, -1]) - start,
+        "y": view.height(table[:, 0]) - below,
+        "width": width,
+        "marker": marker,
+        "showlegend": False,
+        "customdata": told,
+        "hovertemplate": f"{'' if below else '%{y} '}{words}<br>from %{{base:.3f}} ms for %{{x:.3f}} ms<extra></extra>",
+    }
+
+
+def _runs(view: _View, runs: Table, kind: int, paint: Sequence[str], words: str, **marker: Any) -> Spec:
+    """The runs of one kind in the colours of their tasks: numbers on a scale of steps, which travel better than texts."""
+    runs, n = runs[runs[:, 1] == kind], len(paint)
+    scale = [[edge / n, colour] for i, colour in enumerate(paint) for edge in (i, i + 1)]
+    made = {"color": view.row(runs[:, 0]), "colorscale": scale, "cmin": -0.5, "cmax": n - 0.5, "showscale": False}
+    return _bars(view, runs, BAR, {**made, "line": {"width": 0}, **marker}, f"job %{{customdata}}{words}", runs[:, 2])
+
+
+def _strip(view: _View, holds: Table, lock: str, i: int) -> Spec:
+    """Who holds a lock when, below the rows, with the name of the lock where there is room."""
+    names, wide = view.history.trace.names, (view.high - view.low) / 25
+    some = holds[holds[:, 1] == (names.index(lock) if lock in names else -1)]
+    marker = {"color": LOCKS[i % len(LOCKS)], "line": {"color": INK, "width": 1}}
+    return _bars(view, some, 0.85 * STRIP, marker, f"holds {lock}", below=BAR / 2 + STRIP * (i + 0.5)) | {
+        "text": [lock if long else "" for long in (some[:, -1] - some[:, -2] > wide).tolist()],
+        "textposition": "inside",
+        "insidetextanchor": "middle",
+        "constraintext": "none",
+        "textangle": 0,
+        "textfont": {"size": SMALL, "color": INK},
+    }
+
+
+def _marks(view: _View, table: Table, marker: Spec, words: str, raised: float = 0.0) -> Spec:
+    return {
+        "type": "scatter",
+        "mode": "markers",
+        "x": view.ms(table[:, -1]),
+        "y": view.height(table[:, 0]) + raised,
+        "marker": marker,
+        "cliponaxis": False,
+        "showlegend": False,
+        "customdata": table[:, 1],
+        "hovertemplate": f"{words}: job %{{customdata}} at %{{x:.3f}} ms<extra></extra>",
+    }
+
+
+def _deadlines(view: _View, table: Table) -> Spec:
+    """A line across the row for each, all of them in one trace with gaps."""
+    x, y, gap = view.ms(table[:, -1]), view.height(table[:, 0]), np.full(len(table), np.nan)
+    return {
+        "type": "scatter",
+        "mode": "lines",
+        "x": np.stack([x, x, gap], axis=1).ravel(),
+        "y": np.stack([y - 0.44, y + 0.42, gap], axis=1).ravel(),
+        "line": DEADLINE,
+        "showlegend": False,
+        "hoverinfo": "skip",
+    }
+
+
+def _remark(at: float, height: float, words: str) -> Spec:
+    return {
+        "text": f"  {words}",
+        "x": at,
+        "y": height,
+        "xanchor": "left",
+        "bgcolor": "rgba(255,255,255,0.85)",
+        "font": {"size": FONT},
+    }
+
+
+def _alarm(at: float) -> Spec:
+    line = {"color": VERMILION, "width": 3, "dash": "dot"}
+    return {"type": "line", "yref": "y domain", "x0": at, "x1": at, "y0": 0, "y1": 1, "line": line}
