@@ -36,7 +36,6 @@ from labkit.scheduler.taft import PRIORITY
 from labkit.scheduler.tasksets import PeriodicTask, TaskPair
 from labkit.trace import Trace, slices
 from labkit.trace.jobs import MAIN
-from labkit.trace.kinds import CODE
 
 #: The designs, by number from 1.
 DESIGNS = ("edf thread", "taft thread", "taft thread, wcet", "taft phases", "taft releases", "taft windows")
@@ -57,13 +56,14 @@ class Guarantee:
 
 @dataclass(frozen=True, eq=False)
 class DesignRun:
-    """A design under a load: whether its plan was accepted, the trace (names: the parts, then each with `.ep`), the guarantees
-    G1..G4.
+    """A design under a load: whether its plan was accepted, the trace (names: the parts, then each with `.ep`), what happened to
+    each part in each period, and the guarantees G1..G4.
     """
 
     design: str
     verdict: Verdict
     trace: Trace
+    times: PhaseTimes
     guarantees: tuple[Guarantee, ...]
 
 
@@ -89,7 +89,8 @@ def run_design(chain: Sequence[Part], design: str, load: np.ndarray, period_ns: 
     Args:
         design: one of `DESIGNS`.
         load: time each part needs in each period, in ns, whole numbers of at least 1, shape (periods, parts in order of the
-        chain). reserve_ns: kept free at the end of the period for clock correction; only `taft windows` does that.
+            chain).
+        reserve_ns: kept free at the end of the period for clock correction; only `taft windows` does that.
 
     Raises:
         ValueError: unknown design, a load of the wrong shape, or windows that do not fit (also for `taft releases`).
@@ -105,7 +106,8 @@ def run_design(chain: Sequence[Part], design: str, load: np.ndarray, period_ns: 
         verdict, trace = _thread(chain, DESIGNS.index(design), load.astype(np.int64), period_ns)
     else:
         verdict, trace = _threads(chain, design, load, period_ns, reserve_ns)
-    return DesignRun(design, verdict, trace, guarantees(trace, chain, load, period_ns))
+    times = phase_times(trace, len(chain), len(load), period_ns)
+    return DesignRun(design, verdict, trace, times, guarantees(times, chain, load, period_ns))
 
 
 def run_designs(chain: Sequence[Part], load: np.ndarray, period_ns: int, reserve_ns: int = 0) -> list[DesignRun]:
@@ -180,9 +182,10 @@ def _thread(chain: list[Part], design: int, load: np.ndarray, period_ns: int) ->
     index = np.arange(len(main) * parts).reshape(len(main), parts)
     kept = stop > begin
     struck = hit.any(axis=1)
-    owner = {int(k): int(index[row, hit[row].argmax()]) for row, k in enumerate(number) if struck[row]}
-    rescue = rescue[[int(k) in owner for k in rescue[:, 1]]] if len(rescue) else rescue
-    job = np.concatenate([index[kept], np.array([owner[int(k)] for k in rescue[:, 1]], dtype=np.int64)])
+    owner = np.full(periods + 2, -1)  # of the thread's exception part: the phase that it interrupts
+    owner[number[struck]] = index[hit]
+    rescue = rescue[owner[rescue[:, 1]] >= 0]
+    job = np.concatenate([index[kept], owner[rescue[:, 1]]])
     part = np.concatenate([np.full(kept.sum(), MP), np.full(len(rescue), EXCEPTION)])
     start, end = np.concatenate([begin[kept], rescue[:, 2]]), np.concatenate([stop[kept], rescue[:, 3]])
     order = np.argsort(start, kind="stable")
@@ -201,38 +204,29 @@ def _thread(chain: list[Part], design: int, load: np.ndarray, period_ns: int) ->
 
 def phase_times(trace: Trace, parts: int, periods: int, period_ns: int) -> PhaseTimes:
     """Fold a trace of one of the designs: its first `parts` names are the parts, the next their exception parts."""
-    shape = (periods, parts)
-    release, start, end, aborted = (np.full(shape, -1) for _ in range(4))
-    main, exception = np.zeros(shape, np.int64), np.zeros(shape, np.int64)
-    for _, _, who, _, nominal, job in trace.rows("release").tolist():
-        if job < periods:
-            release[job, who] = nominal
-    for who, part, job, begin, finish in slices(trace).rows().tolist():
-        if job >= periods:
-            continue
-        granted = max(0, min(finish, release[job, who] + period_ns) - begin)
-        if part != MAIN:
-            exception[job, who] += granted
-        else:
-            main[job, who] += granted
-            if start[job, who] < 0:
-                start[job, who] = begin
-    for time, kind, who, _, _, job in trace.rows("complete", "abort").tolist():
-        if job >= periods:
-            continue
-        if kind == CODE["abort"]:
-            aborted[job, who] = time
-            if start[job, who] < 0:
-                start[job, who] = time
-        else:
-            end[job, who % parts] = time
-    return PhaseTimes(release, start, end, main, exception, aborted)
+
+    def last(kind: str, values: np.ndarray) -> np.ndarray:
+        table, rows = np.full((periods, parts), -1), np.flatnonzero(trace.of(kind) & (trace.extra < periods))
+        table[trace.extra[rows], trace.task[rows] % parts] = values[rows]
+        return table
+
+    release, end, aborted = last("release", trace.value), last("complete", trace.time), last("abort", trace.time)
+    ran = slices(trace)
+    mine = (ran.job >= 0) & (ran.job < periods)
+    job, task, part, begin = ran.job[mine], ran.task[mine], ran.part[mine], ran.start[mine]
+    granted = np.zeros((2, periods, parts), np.int64)
+    np.add.at(granted, (part, job, task), np.maximum(0, np.minimum(ran.end[mine], release[job, task] + period_ns) - begin))
+    start, first = (
+        aborted.copy(),
+        np.flatnonzero(part == MAIN)[::-1],
+    )  # of repeated indices the last one counts, so the first slice
+    start[job[first], task[first]] = begin[first]
+    return PhaseTimes(release, start, end, granted[MAIN], granted[1 - MAIN], aborted)
 
 
-def guarantees(trace: Trace, chain: Sequence[Part], load: np.ndarray, period_ns: int) -> tuple[Guarantee, ...]:
-    """G1 to G4 of a run, judged by its trace alone, over the periods of the load."""
-    chain, periods = list(chain), len(load)
-    times = phase_times(trace, len(chain), periods, period_ns)
+def guarantees(times: PhaseTimes, chain: Sequence[Part], load: np.ndarray, period_ns: int) -> tuple[Guarantee, ...]:
+    """G1 to G4 of a run, judged by what happened alone, over the periods of the load."""
+    periods = len(load)
     begins = np.arange(periods)[:, None] * period_ns
     ended = np.where(times.end < 0, np.iinfo(np.int64).max, times.end)
     begun = times.start >= 0

@@ -24,7 +24,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from labkit.phases.designs import DesignRun, PhaseTimes, phase_times, run_design
+from labkit.phases.designs import DesignRun, PhaseTimes, run_design
 from labkit.phases.windows import Part
 from labkit.scheduler.checks import whole
 from labkit.scheduler.execution import ExecutionModel, fit_log_normal, log_normal
@@ -116,13 +116,12 @@ def experiment_1(
     chain = laser_chain(arcs_ecet_ns, edges_ecet_ns)
     load = laser_load(chain, periods, contour or contour_model(), reprocess, seed)
     run = run_design(chain, "taft windows", load, period_ns, reserve_ns)
-    times = phase_times(run.trace, len(chain), periods, period_ns)
     mine = np.array([part.phase == CONTOUR for part in chain])
-    aborted = times.aborted >= 0
+    aborted = run.times.aborted >= 0
     late = jobs(run.trace)
     return Experiment1(
         run,
-        times,
+        run.times,
         chain,
         load,
         int(aborted[:, mine].any(axis=1).sum()),
