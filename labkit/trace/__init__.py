@@ -1,9 +1,10 @@
-"""What happened: one columnar trace type, readers of logs, statistics, exporters."""
+"""What happened: one columnar trace type, its slices and jobs, statistics, readers, exporters, sums for pictures."""
 
 from labkit.trace.export import export_chrome
 from labkit.trace.files import export_csv, export_npz, read_csv, read_npz
 from labkit.trace.jobs import Jobs, Slices, jobs, slices
 from labkit.trace.log import LogError, Problem, Report, read_log
+from labkit.trace.occupancy import Occupancy, occupancy
 from labkit.trace.spans import spans
 from labkit.trace.statistics import describe, statistics
 from labkit.trace.trace import Trace
@@ -11,6 +12,7 @@ from labkit.trace.trace import Trace
 __all__ = [
     "Jobs",
     "LogError",
+    "Occupancy",
     "Problem",
     "Report",
     "Slices",
@@ -20,6 +22,7 @@ __all__ = [
     "export_csv",
     "export_npz",
     "jobs",
+    "occupancy",
     "read_csv",
     "read_log",
     "read_npz",
