@@ -13,8 +13,9 @@ JUPYTER_ENV := JUPYTER_CONFIG_DIR="$(JUPYTER_HOME)/config" JUPYTER_DATA_DIR="$(J
 # JupyterLab asks nobody outside this machine for news, updates or extensions.
 OFFLINE := --LabApp.news_url=None --LabApp.check_for_updates_class=jupyterlab.NeverCheckForUpdate \
     --LabApp.extension_manager=readonly
-# No message waits for others before it leaves, and a moved slider is not reported back to the page that moved it.
+# A message never waits for another before it leaves, and kernels do not report a moved slider back to the page that moved it.
 QUICK := --ServerApp.kernel_websocket_connection_class=labkit.server.PromptConnection
+JUPYTER_ENV += JUPYTER_WIDGETS_ECHO=0
 AS_ROOT := $(if $(filter 0,$(shell id -u)),--allow-root)
 
 PIP := $(VENV)/bin/python -m pip --disable-pip-version-check --quiet
@@ -39,7 +40,7 @@ help:
 	@echo "PYTHON=python3.12 in front or behind chooses the interpreter (3.11 to 3.14)."
 
 lab: $(LAB)
-	$(JUPYTER_ENV) JUPYTER_WIDGETS_ECHO=0 $(VENV)/bin/python -m jupyterlab $(AS_ROOT) $(OFFLINE) $(QUICK) \
+	$(JUPYTER_ENV) $(VENV)/bin/python -m jupyterlab $(AS_ROOT) $(OFFLINE) $(QUICK) \
 	    --ServerApp.root_dir="$(CURDIR)" --LabApp.default_url=/lab/tree/$(NOTEBOOK)
 
 test: $(TOOLS)
@@ -50,8 +51,9 @@ check: $(TOOLS)
 	$(VENV)/bin/python -m ruff check .
 	$(VENV)/bin/python -m mypy
 
+# Every piece has a time limit of its own, so that the test as a whole needs none.
 fuzz: $(TOOLS)
-	FUZZ_INPUTS=$(FUZZ_INPUTS) $(VENV)/bin/python -m pytest tests/fuzz
+	FUZZ_INPUTS=$(FUZZ_INPUTS) $(VENV)/bin/python -m pytest tests/fuzz -o faulthandler_timeout=0
 
 bench: $(TOOLS)
 	$(VENV)/bin/python -m pytest tests/bench tests/browser -o python_files='bench_*.py' --benchmark-only
