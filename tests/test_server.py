@@ -1,6 +1,7 @@
 """The kernel connection that sends at once, and that `make lab` uses it."""
 
 import re
+import subprocess
 from pathlib import Path
 
 import pytest
@@ -28,7 +29,9 @@ def test_nothing_is_held_back_once_the_page_is_connected(monkeypatch: pytest.Mon
     assert handler.seen == [("nodelay", True), "connected"]
 
 
-def test_make_lab_uses_it():
-    recipe = (Path(__file__).parents[1] / "Makefile").read_text(encoding="utf-8")
+def test_make_lab_uses_it_and_asks_for_no_echo():
+    root = Path(__file__).parents[1]
+    recipe = subprocess.run(["make", "-n", "lab"], cwd=root, capture_output=True, text=True, check=True).stdout
     name = re.search(r"--ServerApp.kernel_websocket_connection_class=(\S+)", recipe)[1]
     assert import_item(name) is PromptConnection
+    assert "JUPYTER_WIDGETS_ECHO=0 " in recipe
