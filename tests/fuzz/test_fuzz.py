@@ -1,0 +1,218 @@
+"""Every reader and every command, given damaged input: a clear error or a result, in bounded time and never a traceback.
+
+`FUZZ_INPUTS` says how many pieces each of them gets, 2,000 if it is not set; they are the same in every run.
+"""
+
+import contextlib
+import importlib.util
+import io
+import json
+import os
+import random
+import signal
+import sys
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from labkit.__main__ import main, parser
+from labkit.cache import read_trace
+from labkit.kernel import Kernel, read_scenario, run_scenario, write_events, write_timeline
+from labkit.outside import read_json
+from labkit.phases import read_chain, windows
+from labkit.scheduler import schedule, write_schedule
+from labkit.trace import export_csv, read_csv, read_log, statistics
+
+HERE = Path(__file__).parent
+_spec = importlib.util.spec_from_file_location("damage", HERE / "damage.py")
+damage = importlib.util.module_from_spec(_spec)
+_spec.loader.exec_module(damage)
+
+INPUTS = int(os.environ.get("FUZZ_INPUTS", 2000))
+BATCH = 1000  # inputs of one test, so that a long run still stays below the time limit of a single test
+BATCHES = range(-(-INPUTS // BATCH))
+
+#: Seconds that one damaged input may take; all of them are small.
+SECONDS = 20
+
+ORACLE = HERE.parent / "oracle"
+TASKS = {
+    "tasks": [
+        {"name": "a", "period": 5, "deadline": 5, "offset": 0, "times": [2, 3], "wcet": 3, "ecet": 1, "ep_wcet": 1},
+        {"name": "b", "period": 7, "wcet": 3, "ecet": 2, "ep_wcet": 1},
+    ]
+}
+CHAIN = (
+    "phase,part,ecet_ns,wcet_ep_ns,wcet_ns\nIn,,4000000,100000,5000000\nFilter,arcs,30_000_000,200000,\nFilter,edges,4000000,0,\n"
+)
+
+
+class TooLong(BaseException):
+    """Not an Exception, so that nothing that is tested can catch it."""
+
+
+@contextlib.contextmanager
+def limited(what: object) -> Iterator[None]:
+    """Ends what takes longer than `SECONDS` with an error that shows where it was."""
+    if not hasattr(signal, "setitimer") or threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def over(*_):
+        raise TooLong(f"more than {SECONDS} s for {what!r:.300}")
+
+    before = signal.signal(signal.SIGALRM, over)
+    signal.setitimer(signal.ITIMER_REAL, SECONDS)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, before)
+
+
+def csv_traces() -> list[bytes]:
+    k = Kernel(cpu_hz=1000, tick_hz=1000)
+    lock = k.mutex("lock")
+
+    def body(os):
+        for _ in range(3):
+            yield os.take(lock)
+            yield os.compute(2)
+            yield os.give(lock)
+            yield os.delay(3)
+
+    k.task("A", body, 2, deadline=5)
+    k.task("B", body, 1)
+    made = []
+    for trace in (k.run(30).trace, schedule(TASKS, "taft", 20)[1]):
+        file = io.StringIO(newline="")
+        export_csv(trace, file)
+        made.append(file.getvalue().encode())
+    return made
+
+
+def npz_traces() -> list[bytes]:
+    made = []
+    for save in (np.savez, np.savez_compressed):
+        file = io.BytesIO()
+        op, size = np.array([1, 2, 3, 2] * 5, np.uint8), np.array([4, 8, 1, 32] * 5, np.uint8)
+        save(file, op=op, addr=np.arange(20, dtype=np.uint64) * 24, size=size)
+        made.append(file.getvalue())
+    return made
+
+
+def read(folder: Path, *names: str) -> list[bytes]:
+    return [(folder / name).read_bytes() for name in names]
+
+
+def take_log(path):
+    trace, report = read_log(path)
+    return str(report), statistics(trace)
+
+
+def take_scenario(path):
+    run = run_scenario(read_scenario(path))
+    write_events(run, io.StringIO())
+    write_timeline(run, io.StringIO())
+
+
+def take_tasks(path):
+    for policy in ("rm", "taft"):
+        verdict, trace = schedule(read_json(path), policy, 40)
+        write_schedule(trace, io.StringIO())
+        json.dumps(verdict)
+
+
+SCENARIOS = ("02_inversion_mutex.json", "07e_send_front_order.json", "08c_notify_timeout_and_task_give.json")
+READERS = {
+    "log": (damage.damaged, lambda: read(ORACLE / "logs", *(f.name for f in (ORACLE / "logs").glob("*.log"))), take_log),
+    "csv trace": (damage.damaged, csv_traces, lambda path: statistics(read_csv(path))),
+    "scenario": (damage.damaged_json, lambda: read(ORACLE / "freertos", *SCENARIOS), take_scenario),
+    "tasks": (damage.damaged_json, lambda: [json.dumps(TASKS).encode()], take_tasks),
+    "chain": (damage.damaged, lambda: [CHAIN.encode()], lambda path: windows(read_chain(path), 50_000_000)),
+    "references": (damage.damaged_npz, npz_traces, read_trace),
+}
+
+
+def renew(path: Path, data: bytes) -> None:
+    """Writes a new file: some file systems wait for the disk when an old one is written over."""
+    path.unlink(missing_ok=True)
+    path.write_bytes(data)
+
+
+def sizes(batch: int) -> int:
+    return min(BATCH, INPUTS - BATCH * batch)
+
+
+@pytest.fixture(autouse=True)
+def small_limits(monkeypatch):
+    """What a valid input may cost is a matter of the limits, tested where they are; here they are small."""
+    monkeypatch.setattr("labkit.kernel.scenario.MOST_EVENTS", 5000)
+    monkeypatch.setattr("labkit.scheduler.taskfile.MOST_JOBS", 2000)
+
+
+@pytest.mark.parametrize("batch", BATCHES)
+@pytest.mark.parametrize("reader", READERS)
+def test_a_reader_takes_damaged_input_or_says_what_is_wrong(reader, batch, tmp_path):
+    make, samples, take = READERS[reader]
+    rng, valid, path = random.Random(f"{reader} {batch}"), samples(), tmp_path / "input"
+    taken = 0
+    for data in (valid[0], *(make(rng, valid) for _ in range(sizes(batch)))):
+        renew(path, data)
+        with limited(data):
+            try:
+                take(path)
+                taken += 1
+            except (ValueError, OSError) as error:
+                assert str(error).strip(), repr(error)
+    assert taken, "not even the undamaged sample was taken"
+
+
+COMMANDS = {
+    "list": [["list"], ["list", "--json"]],
+    "run": [
+        ["run", "priority-inversion", "--set", "hold=8", "--set", "protocol=ceiling", "--json"],
+        ["run", "alignment", "--set", "offset=3"],
+    ],
+    "trace": [["trace", "board.log", "--json", "--export", "out.json"], ["trace", "board.log", "--clock-hz", "216000000"]],
+    "replay": [["replay", "scenario.json", "--timeline", "t.csv", "--events", "e.csv"]],
+    "schedule": [["schedule", "tasks.json", "--policy", p, "--until", "35", "--trace", "out.csv"] for p in ("rm", "edf", "taft")],
+    "cache": [
+        ["cache", "data.npz", "--size", "4096", "--ways", "2", "--line", "16", "--policy", "plru", "--seed", "3", "--json"]
+    ],
+    "windows": [["windows", "chain.csv", "--period-ns", "50000000", "--reserve-ns", "2000000", "--json"]],
+}
+
+
+@pytest.mark.parametrize("batch", BATCHES)
+@pytest.mark.parametrize("command", COMMANDS)
+def test_a_command_line_runs_or_says_what_is_wrong(command, batch, tmp_path, monkeypatch):
+    rng = random.Random(f"{command} {batch}")
+    files = {
+        "board.log": (ORACLE / "logs" / "xu2025_listing37_5000_2000hz.log").read_bytes(),
+        "scenario.json": (ORACLE / "freertos" / SCENARIOS[0]).read_bytes(),
+        "tasks.json": json.dumps(TASKS).encode(),
+        "data.npz": npz_traces()[0],
+        "chain.csv": CHAIN.encode(),
+    }
+    ended = {0: 0, 1: 0, 2: 0}
+    monkeypatch.chdir(tmp_path)
+    commands = parser()
+    monkeypatch.setattr("labkit.__main__.parser", lambda: commands)  # making it is most of the time
+    for arguments in (COMMANDS[command][0], *(damage.damaged_arguments(rng, COMMANDS[command]) for _ in range(sizes(batch)))):
+        for name, data in files.items():
+            renew(Path(name), data)  # a damaged command may have written over it
+        with limited(arguments), monkeypatch.context() as streams:
+            streams.setattr(sys, "stdout", io.TextIOWrapper(io.BytesIO(), encoding=rng.choice(("utf-8", "cp1252", "ascii"))))
+            streams.setattr(sys, "stderr", io.StringIO())
+            try:
+                code = main(arguments)
+            except SystemExit as end:
+                code = end.code
+            said = sys.stderr.getvalue()
+        ended[code] += 1
+        assert code != 1 or (said.count("\n") == 1 and said.startswith(f"labkit {arguments[0]}: ")), said
+    assert ended[0] and ended[2] and (ended[1] or command == "list"), f"codes and how often they came: {ended}"
