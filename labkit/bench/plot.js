@@ -97,10 +97,10 @@ const drawCards = (strip, cards) => {
 
 const render = ({ model, el }) => {
     el.classList.add("lab-plot");
-    el.dataset.lmSuppressShortcuts = "true";  // keys meant for the bench are not the notebook's
     make("div", "lab-gone", el, { role: "status", textContent: "The kernel of this bench is gone. Run its cell again to get the bench back." });
     const alert = make("div", "lab-error-slot", el);
     const bar = make("div", "lab-bar", el);
+    bar.dataset.lmSuppressShortcuts = "true";  // a key meant for a button is not the notebook's
     const cards = make("div", "lab-metrics", bar);
     const progress = make("progress", "lab-progress", bar, { max: 1, value: 0, hidden: true });
     const reset = make("button", "lab-button lab-reset", bar,

@@ -9,7 +9,7 @@ from playwright.sync_api import expect
 pytestmark = pytest.mark.browser
 
 #: What the picture shows of a bar chart: where its bars are.
-BARS = "figure => figure.data.filter(t => t.type === 'bar').map(t => [Array.from(t.base), Array.from(t.x)])"
+BARS = "figure => figure.data.filter(t => t.type === 'bar' && t.base).map(t => [Array.from(t.base), Array.from(t.x)])"
 WIDTHS = "figure => [figure.layout.font.size, figure.getBoundingClientRect().width, figure.parentElement.getBoundingClientRect().width]"
 
 BROKEN = '''

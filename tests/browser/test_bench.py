@@ -1,0 +1,186 @@
+"""The bench in the page, with an experiment made for it: width, keys, zoom, errors, and what happens when the kernel goes."""
+
+import re
+
+import nbformat
+import pytest
+from playwright.sync_api import expect
+
+from tests.browser.conftest import SHUT_DOWN, TOKEN
+
+pytestmark = pytest.mark.browser
+
+ROLLING = '''
+import time
+from typing import Annotated, ClassVar
+from annotated_types import Interval, MaxLen
+from typing_extensions import Doc
+from labkit import Experiment, Metric, explore
+from labkit.experiment import View, progress
+
+class Rolling(Experiment[int]):
+    """How far?"""
+    level: Annotated[int, Interval(ge=1, le=5), Doc("load")] = 1
+    note: Annotated[str, MaxLen(5), Doc("remark")] = ""
+    first: Annotated[int, Interval(ge=0, le=90), Doc("left edge"), View()] = 0
+    last: Annotated[int, Interval(ge=10, le=100), Doc("right edge"), View()] = 100
+
+    def run(self):
+        if self.level == 3:
+            raise RuntimeError("the model broke at level 3")
+        return self.level
+
+    def figure(self, result):
+        line = {"type": "scatter", "x": [0, 100], "y": [0, result], "mode": "lines"}
+        axis = {"range": [self.first, self.last], "title": {"text": "time [ms]"}}
+        return {"data": [line], "layout": {"xaxis": axis, "height": 300, "meta": {"range": ("first", "last")}}}
+
+    def metrics(self, result):
+        return [Metric("level", result, "<b>bar</b>")]
+
+class Slow(Rolling):
+    """How far, slowly?"""
+    slow: ClassVar[bool] = True
+
+    def run(self):
+        for _ in progress(range(20)):
+            time.sleep(0.1)
+        return self.level
+
+explore(Rolling)
+'''
+WIDTHS = """bench => [bench.querySelector('.lab-plot').clientWidth, bench.querySelector('.main-svg').clientWidth]"""
+SIDE_BAR = "() => { window.jupyterapp.commands.execute('application:toggle-left-area') }"
+SAVE = "() => { window.jupyterapp.commands.execute('docmanager:save') }"
+RESTART = "() => { window.jupyterapp.shell.currentWidget.sessionContext.session.kernel.restart() }"
+
+
+@pytest.fixture
+def bench_of(open_notebook, tmp_path):
+    """Open a notebook that ends with this line; the notebook and its bench."""
+
+    def opener(*more: str):
+        cells = [nbformat.v4.new_code_cell(code.strip()) for code in (ROLLING, *more)]
+        metadata = {"kernelspec": {"name": "python3", "display_name": "Python 3 (ipykernel)", "language": "python"}}
+        path = tmp_path / "rolling.ipynb"
+        nbformat.write(nbformat.v4.new_notebook(cells=cells, metadata=metadata), path)
+        nb = open_notebook(path)
+        nb.run_all()
+        nb.figure()
+        return nb, nb.page.locator(".lab-bench").last
+
+    return opener
+
+
+def code(bench, text):
+    expect(bench.locator(".lab-code")).to_have_text(text)
+
+
+def test_the_picture_fills_its_bench_whatever_changes_its_size(bench_of):
+    nb, bench = bench_of()
+
+    def fills():
+        nb.page.wait_for_timeout(600)
+        room, width = bench.evaluate(WIDTHS)
+        assert abs(room - width) <= 2
+        return width
+
+    before = fills()
+    bench.locator(".lab-lecture-switch").click()
+    fills()
+    nb.page.evaluate(SIDE_BAR)
+    assert fills() > before + 100
+    bench.locator(".lab-lecture-switch").click()
+    nb.page.evaluate(SIDE_BAR)
+    assert abs(fills() - before) <= 2
+
+
+def test_text_grows_in_lecture_mode_and_nothing_is_asked_of_the_kernel(bench_of):
+    nb, bench = bench_of()
+    size = """bench => [parseFloat(getComputedStyle(bench.querySelector('.xtitle')).fontSize),
+        bench.querySelector('.lab-plot').clientHeight]"""
+    small = bench.evaluate(size)
+    bench.locator(".lab-lecture-switch").press("Enter")  # the key belongs to the button, not to the notebook
+    nb.page.wait_for_timeout(600)
+    large = bench.evaluate(size)
+    assert large[0] > 1.3 * small[0] and large[1] > small[1]
+    expect(bench.locator(".lab-lecture-switch")).to_have_attribute("aria-pressed", "true")
+    bench.locator(".lab-lecture-switch").press(" ")
+    nb.page.wait_for_timeout(600)
+    assert bench.evaluate(size) == small
+
+
+def test_an_error_is_shown_beside_a_stale_picture_and_goes_when_it_is_mended(bench_of):
+    nb, bench = bench_of()
+    expect(bench.locator(".lab-metric")).to_have_text("1 <b>bar</b>level")  # as text
+    nb.slider(".lab-level", "ArrowRight")
+    code(bench, "Rolling(level=2)")
+    nb.slider(".lab-level", "ArrowRight")
+    expect(bench.get_by_role("alert")).to_contain_text("RuntimeError: the model broke at level 3")
+    expect(bench.locator(".lab-plot")).to_have_class(re.compile("lab-stale"))
+    code(bench, "Rolling(level=2)")
+    field = bench.locator(".lab-note input")
+    field.fill("too long")
+    field.press("Enter")
+    nb.slider(".lab-level", "ArrowRight")
+    expect(bench.get_by_role("alert")).to_contain_text(
+        "note = 'too long' is not allowed; allowed is text of at most 5 characters"
+    )
+    expect(field).to_have_value("too long")
+    bench.locator(".lab-reset").click()
+    expect(bench.get_by_role("alert")).to_have_count(0)
+    code(bench, "Rolling()")
+    expect(field).to_have_value("")
+
+
+def test_a_zoom_moves_the_parameters_it_stands_for(bench_of):
+    nb, bench = bench_of()
+    bench.locator(".lab-code").scroll_into_view_if_needed()
+    area = bench.locator(".nsewdrag").bounding_box()
+    nb.page.mouse.move(area["x"] + 0.25 * area["width"], area["y"] + 50)
+    nb.page.mouse.down()
+    nb.page.mouse.move(area["x"] + 0.5 * area["width"], area["y"] + 50, steps=5)
+    nb.page.mouse.up()
+    code(bench, "Rolling(first=25, last=50)")
+    expect(bench.locator(".lab-first .widget-readout")).to_have_text("25")
+
+
+def test_a_slow_run_shows_its_progress_and_a_refused_text_ends_it(bench_of):
+    nb, bench = bench_of("explore(Slow)")
+    code(bench, "Slow()")
+    nb.page.locator(".lab-level .noUi-handle").last.press("ArrowRight")
+    expect(bench.locator(".lab-progress")).to_be_visible()
+    field = bench.locator(".lab-note input")
+    field.fill("too long")
+    field.press("Enter")
+    expect(bench.get_by_role("alert")).to_contain_text("is not allowed")
+    nb.page.wait_for_timeout(3000)  # the run would have ended by now
+    expect(bench.get_by_role("alert")).to_contain_text("is not allowed")
+    code(bench, "Slow()")
+
+
+def test_a_bench_whose_kernel_was_restarted_says_so(bench_of):
+    nb, bench = bench_of()
+    expect(bench.locator(".lab-gone")).to_be_hidden()
+    nb.page.evaluate(RESTART)
+    expect(bench.locator(".lab-gone")).to_be_visible(timeout=20_000)
+    expect(bench.locator(".lab-gone")).to_contain_text("Run its cell again")
+    nb.screenshot("gone")
+
+
+def test_a_bench_comes_back_after_a_reload(bench_of, lab):
+    nb, bench = bench_of()
+    nb.slider(".lab-level", "ArrowRight")
+    code(bench, "Rolling(level=2)")
+    nb.page.evaluate(SAVE)
+    nb.page.wait_for_timeout(1500)
+    again = f"{lab.url}/lab/tree/rolling.ipynb?token={TOKEN}&reset"
+    nb.page.goto(again)
+    expect(nb.page.locator(".lab-bench .lab-code")).to_have_text("Rolling(level=2)", timeout=30_000)
+    nb.figure()
+    expect(nb.page.locator(".lab-lost")).to_be_hidden()
+    nb.page.evaluate(SHUT_DOWN)
+    nb.page.wait_for_timeout(1500)
+    nb.page.goto(again)
+    expect(nb.page.locator(".lab-lost")).to_be_visible(timeout=30_000)
+    nb.screenshot("lost")
