@@ -9,7 +9,9 @@ from __future__ import annotations
 from collections import OrderedDict
 from collections.abc import Callable, Iterable
 from functools import lru_cache
+from itertools import pairwise
 from os import PathLike
+from typing import SupportsInt
 
 import numpy as np
 
@@ -34,7 +36,10 @@ COUNTS = (
     "uncached",
 )
 WRITE_POLICIES = ("write-back", "write-through")
-SetLoop = Callable[[Iterable[tuple[int, int]], "list[bool] | None", int, "list[int]"], Iterable[int]]
+#: One set: (index, line) of its accesses, which of all accesses may allocate (None: all), ways, where to mark the misses -> the
+#: lines it holds at the end.
+SetLoop = Callable[[Iterable[tuple[int, int]], "list[bool] | None", int, bytearray], Iterable[int]]
+MOST_TOUCHED = 10_000_000  # lines; counting them takes half a minute at worst and 2 GB
 _MOST_LEVELS = 16  # ways up to which the LRU stack is unrolled level by level
 _LARGEST_TABLE = 8  # ways up to which what a use makes of the tree bits is tabulated
 
@@ -100,8 +105,10 @@ def count(
     lines, last = address >> shift, (address + size - 1) >> shift
     if len(last) and last.max() < 2**31:
         lines, last = lines.astype(np.int32), last.astype(np.int32)  # half the memory to move
-    owner = None
-    if (lines != last).any():
+    owner, further = None, (last - lines).sum(dtype=float)
+    if further + len(op) > MOST_TOUCHED:
+        raise ValueError(f"the references touch {further + len(op):.0f} lines; at most {MOST_TOUCHED} can be counted")
+    if further:
         spans = last - lines + 1
         owner = np.repeat(np.arange(len(op)), spans)
         first = np.cumsum(spans) - spans
@@ -115,10 +122,11 @@ def count(
     missed = keep[head_misses]
     straight = stores & (write_policy == "write-through")
     straight[missed] |= ~allocates[missed]
-    if owner is not None:
-        missed = np.unique(owner[missed])
+    if owner is not None and len(missed):
+        missed = owner[missed]  # in order, so equal ones are neighbours; numpy's `unique` takes longer than all the rest
+        missed = missed[np.append(True, missed[1:] != missed[:-1])]
     reads, read_misses = np.count_nonzero(op != STORE), np.count_nonzero(op[missed] != STORE)
-    values = (
+    values: tuple[SupportsInt, ...] = (
         reads,
         len(op) - reads,
         read_misses,
@@ -130,7 +138,7 @@ def count(
         np.count_nonzero(straight),
         0,
     )
-    return dict(zip(COUNTS, map(int, values)))
+    return {name: int(value) for name, value in zip(COUNTS, values)}
 
 
 def _heads(lines: np.ndarray, stores: np.ndarray, allocates: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -215,24 +223,24 @@ def _lru_levels(line: np.ndarray, geometry: Geometry) -> tuple[np.ndarray, np.nd
 
 
 def _loop_by_set(line: np.ndarray, allocates: np.ndarray, geometry: Geometry, run: SetLoop) -> tuple[np.ndarray, np.ndarray]:
-    """Run one set after the other through `run`, which appends its misses and returns the lines it holds at the end."""
+    """Run one set after the other through `run`: indices of the misses, and the lines held at the end."""
     index = line & (geometry.sets - 1)
     bounds = [0, *(np.flatnonzero(index[1:] != index[:-1]) + 1).tolist(), len(line)]
     lines, allowed = line.tolist(), None if allocates.all() else allocates.tolist()
-    misses: list[int] = []
+    missed = bytearray(len(lines))  # marks, as a list of a million indices costs more than the loop
     resident: list[int] = []
-    for start, stop in zip(bounds, bounds[1:]):
-        resident += run(enumerate(lines[start:stop], start), allowed, geometry.ways, misses)
-    return np.array(misses, dtype=np.int64), np.array(resident, dtype=line.dtype)
+    for start, stop in pairwise(bounds):
+        resident += run(enumerate(lines[start:stop], start), allowed, geometry.ways, missed)
+    return np.flatnonzero(np.frombuffer(missed, bool)), np.array(resident, dtype=line.dtype)
 
 
-def _lru_set(accesses: Iterable[tuple[int, int]], allowed: list[bool] | None, ways: int, misses: list[int]) -> Iterable[int]:
+def _lru_set(accesses: Iterable[tuple[int, int]], allowed: list[bool] | None, ways: int, missed: bytearray) -> Iterable[int]:
     held: OrderedDict[int, None] = OrderedDict()  # oldest use first
     for i, line in accesses:
         if line in held:
             held.move_to_end(line)
             continue
-        misses.append(i)
+        missed[i] = True
         if allowed is None or allowed[i]:
             if len(held) == ways:
                 held.popitem(last=False)
@@ -240,41 +248,38 @@ def _lru_set(accesses: Iterable[tuple[int, int]], allowed: list[bool] | None, wa
     return held
 
 
-def _fifo_set(accesses: Iterable[tuple[int, int]], allowed: list[bool] | None, ways: int, misses: list[int]) -> Iterable[int]:
-    held: set[int] = set()
-    slots, turn = [-1] * ways, 0
+def _fifo_set(accesses: Iterable[tuple[int, int]], allowed: list[bool] | None, ways: int, missed: bytearray) -> Iterable[int]:
+    filled: dict[int, int] = {}  # line -> number of its latest fill; it stays for as many fills as there are ways
+    fills = ways  # so that 0, never filled, is long ago
     for i, line in accesses:
-        if line not in held:
-            misses.append(i)
+        if filled.get(line, 0) <= fills - ways:
+            missed[i] = True
             if allowed is None or allowed[i]:
-                held.discard(slots[turn])
-                held.add(line)
-                slots[turn] = line
-                turn = turn + 1 if turn + 1 < ways else 0
-    return held
+                fills += 1
+                filled[line] = fills
+    return [line for line, number in filled.items() if number > fills - ways]
 
 
-def _plru_set(accesses: Iterable[tuple[int, int]], allowed: list[bool] | None, ways: int, misses: list[int]) -> Iterable[int]:
+def _plru_set(accesses: Iterable[tuple[int, int]], allowed: list[bool] | None, ways: int, missed: bytearray) -> Iterable[int]:
     after, victims = _tree(ways)
-    step_of: dict[int, list[int] | _Computed] = {}  # held line -> what a use of its way makes of the set's bits
-    slots: list[int] = []
-    bits = 0
+    slots = [-1] * ways
+    way_of: dict[int, int] = {}  # line -> the way it was last put into, though another one may be there by now
+    used = bits = 0
     for i, line in accesses:
-        step = step_of.get(line)
-        if step is None:
-            misses.append(i)
+        way = way_of.get(line, 0)
+        if slots[way] != line:
+            missed[i] = True
             if allowed is not None and not allowed[i]:
                 continue
-            if len(slots) < ways:
-                way = len(slots)
-                slots.append(line)
+            if used < ways:
+                way = used
+                used += 1
             else:
                 way = victims[bits]
-                del step_of[slots[way]]
-                slots[way] = line
-            step = step_of[line] = after[way]
-        bits = step[bits]
-    return slots
+            slots[way] = line
+            way_of[line] = way
+        bits = after[way][bits]
+    return slots[:used]
 
 
 class _Computed:
@@ -308,12 +313,11 @@ def _random_loop(
     allowed = None if allocates.all() else by_time.tolist()
     slots: list[list[int]] = [[] for _ in range(geometry.sets)]
     held: set[int] = set()
-    missed = np.zeros(len(lines), dtype=bool)
-    misses: list[int] = []
+    missed = bytearray(len(lines))
     for i, line in enumerate(lines.tolist()):
         if line in held:
             continue
-        misses.append(i)
+        missed[i] = True
         if allowed is None or allowed[i]:
             slot = slots[line & mask]
             if len(slot) < ways:
@@ -323,5 +327,4 @@ def _random_loop(
                 held.remove(slot[way])
                 slot[way] = line
             held.add(line)
-    missed[misses] = True
-    return np.flatnonzero(missed[order]), np.array(sorted(held), dtype=lines.dtype)
+    return np.flatnonzero(np.frombuffer(missed, bool)[order]), np.array(sorted(held), dtype=lines.dtype)

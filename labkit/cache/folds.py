@@ -112,9 +112,9 @@ class MissClasses:
 
 def miss_classes(misses: int, references: References, geometry: Geometry) -> MissClasses:
     """Split `misses` lines missed by a cache of this geometry on these references (loads and stores both allocate) by cause."""
+    full = count(references, Geometry(geometry.size, geometry.size // geometry.line, geometry.line))["fills"]
     shift = geometry.line.bit_length() - 1
     first, last = references.address >> shift, (references.address + references.size - 1) >> shift
     inner = [np.arange(a + 1, b) for a, b in zip(first.tolist(), last.tolist()) if b > a + 1]
     compulsory = len(np.unique(np.concatenate([first, last, *inner])))
-    full = count(references, Geometry(geometry.size, geometry.size // geometry.line, geometry.line))["fills"]
     return MissClasses(compulsory, full - compulsory, misses - full)

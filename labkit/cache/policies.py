@@ -8,6 +8,7 @@ The policy of the Cortex-M7's caches is not published; it is a parameter here.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import chain, repeat
 from typing import Protocol
 
 import numpy as np
@@ -130,5 +131,4 @@ def tree_victim(bits: int, ways: int) -> int:
 def draws(ways: int, seed: int) -> Iterator[int]:
     """Endless ways, uniformly drawn in blocks (a single draw from numpy costs more than a whole access)."""
     generator = np.random.default_rng(seed)
-    while True:
-        yield from generator.integers(ways, size=4096).tolist()
+    return chain.from_iterable(generator.integers(ways, size=4096).tolist() for _ in repeat(None))

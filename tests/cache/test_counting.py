@@ -196,6 +196,13 @@ def test_a_cache_that_cannot_be_is_refused_in_one_sentence(change, says):
     assert str(error.value) == says
 
 
+@pytest.mark.parametrize("use", [count, lambda references, geometry: miss_classes(0, references, geometry)])
+def test_references_that_touch_too_many_lines_are_refused(use):
+    huge = References(np.array([2], np.uint8), np.array([0]), np.array([1 << 40]))
+    with pytest.raises(ValueError, match="the references touch 34359738368 lines; at most 10000000 can be counted"):
+        use(huge, Geometry(1024, 4, 32))
+
+
 def test_tree_plru_needs_a_power_of_two():
     with pytest.raises(ValueError, match="tree-PLRU over 3 ways; the tree needs a power of two"):
         POLICIES["plru"](16, 3)
