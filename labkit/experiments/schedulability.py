@@ -15,6 +15,7 @@ from labkit.figures.gantt import gantt
 from labkit.figures.margins import Response, responses
 from labkit.figures.panel import stack
 from labkit.figures.style import axis
+from labkit.phases.laser_chain import BELOW_NS, LONGEST_NS, contour_model
 from labkit.scheduler.analysis import (
     edf_response_times,
     edf_utilization_test,
@@ -26,7 +27,6 @@ from labkit.scheduler.analysis import (
     taft_utilization,
     utilization,
 )
-from labkit.scheduler.execution import log_normal
 from labkit.scheduler.periodic import simulate
 from labkit.scheduler.tasksets import PeriodicTask, TaskPair, log_uniform_periods, rate_monotonic, uunifast
 from labkit.trace import Trace, jobs
@@ -35,8 +35,6 @@ MS = 1000  # units of all traces here: microseconds
 HZ = 1000 * MS
 HORIZON, SHOWN = 2000, 42  # ms simulated, ms in the picture
 KEYS = ("ready", "release", "deadline", "deadline missed", "beyond expected time", "aborted", "exception part")
-#: The run times of the contour filter as a share of its longest: the log-normal law of `acceptance.run_times` over 140 ms.
-FILTER_MEDIAN, FILTER_SIGMA = 0.16, 0.627
 
 Work = Annotated[
     Literal["worst", "filter", "uniform"],
@@ -54,7 +52,7 @@ def draw(work: str, wcet: int, jobs: int, rng: np.random.Generator) -> np.ndarra
         return np.full(jobs, wcet)
     if work == "uniform":
         return rng.integers(1, wcet, jobs, endpoint=True)
-    return log_normal(FILTER_MEDIAN * wcet, FILTER_SIGMA, wcet)(jobs, rng)
+    return contour_model(below=wcet * BELOW_NS / LONGEST_NS, longest=wcet)(jobs, rng)
 
 
 def count(trace: Trace, *kinds: str) -> int:

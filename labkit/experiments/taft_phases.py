@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -15,13 +15,11 @@ from labkit.experiment import Experiment, Feedback, Metric, View
 from labkit.figures.panel import stack
 from labkit.figures.phases import activity_stack, periods_gantt, plan, verdict_grid
 from labkit.phases.designs import DESIGNS, DesignRun, phase_times, run_design
-from labkit.phases.laser_chain import CONTOUR, MS, Experiment1, experiment_1, laser_chain, laser_load
+from labkit.phases.laser_chain import CONTOUR, MS, Experiment1, contour_model, experiment_1, laser_chain, laser_load
 from labkit.phases.windows import Part, Window, phases_of, windows
-from labkit.scheduler.execution import fit_log_normal, log_normal
 from labkit.trace import Trace
 
 PERIODS, SHOWN = 60, 2  # of the six designs: periods run under the same load, periods drawn
-RUNS = 1000  # of the contour filter, among which the longest took 140 ms
 GUARANTEES = ("G1 periodic", "G2 in time", "G3 complete", "G4 in order")
 KEYS = ("ready", "release", "deadline", "deadline missed", "beyond expected time", "aborted", "exception part")
 
@@ -37,23 +35,23 @@ Ninety = Annotated[
 ]
 
 
-@lru_cache
-def published_ends() -> list[int]:
+@cache
+def published_ends() -> tuple[int, ...]:
     """Ends of the windows as printed in table 5 of source 2, in ns from the start of the period."""
-    table = published_table("diplom_table5_windows.csv")
-    return table["deadline_from_period_start_ns"].tolist()[:-1]
+    return tuple(published_table("diplom_table5_windows.csv")["deadline_from_period_start_ns"].tolist()[:-1])
 
 
-def contour_times(ninety_ms: int) -> Any:
-    """Run times of the contour filter: log-normal, 90 % below `ninety_ms`, none above 140 ms."""
-    return log_normal(*fit_log_normal(0.9, ninety_ms * MS, 140 * MS, RUNS), longest=140 * MS)
+@cache
+def published_lengths() -> tuple[int, ...]:
+    """Lengths of the windows as printed in the same table, in ns."""
+    return tuple(published_table("diplom_table5_windows.csv")["deadline_ns"].tolist())
 
 
 class PhaseWindows(Experiment[list[Window] | str]):
     """Where does each phase get its window?
 
-    Every phase gets a share of the period in proportion to what it expects, expected time plus exception part (4.12, 4.18); the end of
-    the period is kept for clock correction (5.7). Start values: table 5 of source 2.
+    Every phase gets a share of the period in proportion to what it expects, expected time plus exception part (4.12, 4.18); the
+    end of the period is kept for clock correction (5.7). Start values: table 5 of source 2.
     """
 
     period: Annotated[int, Interval(ge=60, le=200), Unit("ms"), Doc("period of the chain")] = 100
@@ -86,8 +84,8 @@ class PhaseWindows(Experiment[list[Window] | str]):
         demand = sum(p.demand_ns for p in self.chain())
         spare = (self.period - self.reserve) * MS - demand
         fits = not isinstance(result, str)
-        communication = result[2].deadline_ns if fits else None
-        printed = int(published_table("diplom_table5_windows.csv")["deadline_ns"][2])
+        communication = None if isinstance(result, str) else result[2].deadline_ns
+        printed = published_lengths()[2]
         same = self == PhaseWindows()
         return [
             Metric("demand of all phases", demand / MS, "ms"),
@@ -110,7 +108,7 @@ class PhaseWindows(Experiment[list[Window] | str]):
 
 @dataclass(frozen=True, eq=False)
 class Designs:
-    """The six designs under one load; a design without a plan has the sentence why instead of a run, one without windows an empty list."""
+    """The six designs under one load; of a design without a plan the sentence why, of one without windows an empty list."""
 
     chain: list[Part]
     runs: dict[str, DesignRun | str]
@@ -120,8 +118,9 @@ class Designs:
 class SixDesigns(Experiment[Designs]):
     """Which way of scheduling a chain of phases keeps all four promises?
 
-    G1: the chain starts in every period; G2: it has ended by the period's end; G3: every phase gets at least its expected time; G4: the
-    phases keep their order. All designs get the same random run times over 60 periods; each verdict is read from the trace.
+    G1: the chain starts in every period; G2: it has ended by the period's end; G3: every phase gets at least its expected time;
+    G4: the phases keep their order. All designs get the same random run times over 60 periods; each verdict is read from the
+    trace.
     """
 
     design: Annotated[
@@ -137,14 +136,14 @@ class SixDesigns(Experiment[Designs]):
 
     def run(self) -> Designs:
         chain = laser_chain(self.arcs_ecet * MS)
-        load = laser_load(chain, PERIODS, contour_times(self.p90_run_time), True, self.seed)
+        load = laser_load(chain, PERIODS, contour_model(below=self.p90_run_time * MS), True, self.seed)
         runs: dict[str, DesignRun | str] = {}
         for design in DESIGNS:
             try:
                 runs[design] = run_design(chain, design, load, self.period * MS, 2 * MS)
             except ValueError as error:
                 runs[design] = str(error)
-        made: dict[str, list[Window]] = dict.fromkeys(DESIGNS, [])
+        made: dict[str, list[Window]] = {design: [] for design in DESIGNS}
         for design in DESIGNS[4:]:  # those that give every phase a window
             if isinstance(runs[design], DesignRun):
                 made[design] = windows(chain, self.period * MS, 2 * MS if design == "taft windows" else 0)
@@ -187,8 +186,8 @@ class SixDesigns(Experiment[Designs]):
 class Timeliness(Experiment[Experiment1]):
     """Does the chain stay in time although the contour filter often does not?
 
-    Experiment 1 of source 2: 400 periods of 100 ms, a new scan every 200 ms. The longest run of the contour filter took 140 ms, more
-    than the whole period. A period longer than 100 ms is taken where the expected times alone need it.
+    Experiment 1 of source 2: 400 periods of 100 ms, a new scan every 200 ms. The longest run of the contour filter took 140 ms,
+    more than the whole period. A period longer than 100 ms is taken where the expected times alone need it.
     """
 
     arcs_ecet: ArcsEcet = 30
@@ -200,7 +199,7 @@ class Timeliness(Experiment[Experiment1]):
 
     def run(self) -> Experiment1:
         return experiment_1(
-            contour=contour_times(self.p90_run_time),
+            contour=contour_model(below=self.p90_run_time * MS),
             reprocess=self.scan_again,
             seed=self.seed,
             arcs_ecet_ns=self.arcs_ecet * MS,
@@ -216,7 +215,8 @@ class Timeliness(Experiment[Experiment1]):
         granted = {p.name: times.main[:, i] / MS for i, p in enumerate(chain)}
         mine = np.array([p.phase == CONTOUR for p in chain])
         aborted = np.flatnonzero((times.aborted[:, mine] >= 0).any(axis=1))
-        title = f"{result.aborted_periods} of {len(times.main)} periods with an aborted contour filter, {result.missed} deadlines missed"
+        title = f"{result.aborted_periods} of {len(times.main)} periods with an aborted contour filter"
+        title += f", {result.missed} deadlines missed"
         return activity_stack(granted, times.exception.sum(axis=1) / MS, aborted, self.period(), title)
 
     def metrics(self, result: Experiment1) -> list[Metric]:
@@ -256,7 +256,7 @@ def check_period(period_ms: int) -> Feedback:
 
 
 def check_few_aborts(answer: Timeliness | None) -> Feedback:
-    """Exercise 2: at most 20 aborted periods at the source's run times in a period of 100 ms; None says that there is no such answer."""
+    """Exercise 2: at most 20 aborted periods at the source's run times in a period of 100 ms; None: there is no such answer."""
 
     def aborted(ecet: int) -> int:
         return Timeliness(arcs_ecet=ecet).run().aborted_periods

@@ -34,6 +34,11 @@ MS = 1_000_000
 PERIOD_NS, RESERVE_NS = 100 * MS, 2 * MS
 CONTOUR = "LMSContourFilter"
 
+#: What is published of the contour filter's run times: nine of ten are below `BELOW_NS`, the longest of all is `LONGEST_NS`.
+SHARE, BELOW_NS, LONGEST_NS = 0.9, 50 * MS, 140 * MS
+#: Among how many runs that was the longest is not published.
+RUNS = 1000
+
 
 def laser_chain(arcs_ecet_ns: int = 30 * MS, edges_ecet_ns: int = 4 * MS) -> list[Part]:
     """The chain of table 5. Worst cases: 140 ms for the contour filter, of which the edges take 4 ms at most; for the rest, the
@@ -52,11 +57,11 @@ def laser_chain(arcs_ecet_ns: int = 30 * MS, edges_ecet_ns: int = 4 * MS) -> lis
     ]
 
 
-def contour_model(runs: int = 1000, share: float = 0.9, below_ns: int = 50 * MS, longest_ns: int = 140 * MS) -> ExecutionModel:
-    """Run times of the whole contour filter: log-normal with `share` below `below_ns`, `longest_ns` the median of the longest of
-    `runs`, and none longer than that.
+def contour_model(runs: int = RUNS, share: float = SHARE, below: float = BELOW_NS, longest: float = LONGEST_NS) -> ExecutionModel:
+    """Run times of the whole contour filter: log-normal with `share` below `below`, `longest` the median of the longest of
+    `runs`, and none longer than that. The one law of the lab for it; times are in ns, or in the unit of those given.
     """
-    return log_normal(*fit_log_normal(share, below_ns, longest_ns, runs), longest=longest_ns)
+    return log_normal(*fit_log_normal(share, below, longest, runs), longest=longest)
 
 
 def laser_load(

@@ -29,7 +29,7 @@ def uniform(shortest: int, longest: int) -> ExecutionModel:
     return lambda jobs, rng: rng.integers(shortest, longest, jobs, dtype=np.int64, endpoint=True)
 
 
-def log_normal(median: float, sigma: float, longest: int | None = None) -> ExecutionModel:
+def log_normal(median: float, sigma: float, longest: float | None = None) -> ExecutionModel:
     """exp(N(log median, sigma)), drawn again where it exceeds `longest` (which must not lie below the median)."""
     _least("median", median)
     if not sigma >= 0:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from labkit.scheduler.analysis.verdict import Budget
+
 MAX_VALUE = 1 << 31  #: below it no product overflows, as every task a window counts fits into its own period
 
 
@@ -16,6 +18,7 @@ def accept_response_time(wcets: np.ndarray, periods: np.ndarray) -> np.ndarray:
 
     Raises:
         ValueError: shapes differ, or a value is below 1 or not below 2^31.
+        UndecidedError: more than `MAX_STEPS` steps, of which whole columns do 16 at a time.
     """
     wcets, periods = np.asarray(wcets, dtype=np.int64), np.asarray(periods, dtype=np.int64)
     if wcets.ndim != 2 or wcets.shape != periods.shape:
@@ -24,11 +27,12 @@ def accept_response_time(wcets: np.ndarray, periods: np.ndarray) -> np.ndarray:
         raise ValueError(f"execution times and periods must be from 1 to {MAX_VALUE - 1}")
     order = np.argsort(periods, axis=1, kind="stable")
     cost, period = np.take_along_axis(wcets, order, axis=1), np.take_along_axis(periods, order, axis=1)
-    fits = np.ones(len(wcets), dtype=bool)
+    fits, budget = np.ones(len(wcets), dtype=bool), Budget("response times of many sets")
     for task in range(wcets.shape[1]):
         going = np.flatnonzero(fits)
         window = cost[going, : task + 1].sum(axis=1)
         while len(going):
+            budget.spend(1 + len(going) * (task + 1) // 16)
             late = window > period[going, task]
             fits[going[late]] = False
             jobs = -(-window[:, None] // period[going, :task])
