@@ -10,10 +10,9 @@ from typing import Annotated, Any, Literal
 from annotated_types import Interval, MultipleOf, Unit
 from typing_extensions import Doc
 
-from labkit.cache import MpuRegion, Operation, stm32f767
-from labkit.cache.coherence import CAUSES
+from labkit.cache import CAUSES, MpuRegion, Operation, Transfer, stm32f767
 from labkit.cache.drivers import evict
-from labkit.experiment import Experiment, Labels, Metric
+from labkit.experiment import Experiment, Labels, Metric, View
 from labkit.experiments.byte_story import LINE, Stage, Story
 from labkit.figures.lanes import Span, lanes
 from labkit.figures.style import ORANGE, SKY, YELLOW
@@ -91,14 +90,14 @@ def picture(stages: Sequence[Stage], shown: int, first: int, spans: Sequence[Spa
     )
 
 
-class DmaCoherence(Experiment):
+class DmaCoherence(Experiment[Outcome]):
     """Who has the newest bytes: the CPU, the cache, the memory or the DMA?
 
     A driver hands a buffer of 32 bytes to a DMA master, which reads and writes memory and knows nothing of the cache. Step
     through the story; change what the driver does, what happens meanwhile, and where the buffer lies.
     """
 
-    step: Annotated[int, Interval(ge=0, le=9), Doc("how far the story is told")] = 0
+    step: Annotated[int, Interval(ge=0, le=9), View(), Doc("how far the story is told")] = 0
     direction: Annotated[
         Literal["transmit", "receive"],
         Labels({"transmit": "transmit (DMA reads)", "receive": "receive (DMA writes)"}),
@@ -189,7 +188,7 @@ class DmaCoherence(Experiment):
         with story.stage("read<br>neighbour", "The CPU reads the neighbour."):
             value = cache.load(neighbour, len(AFTER))
 
-        sent = b"".join(r.data for r in cache.log if getattr(r, "op", "") == "dma read")
+        sent = b"".join(r.data for r in cache.log if isinstance(r, Transfer) and r.op == "dma read")
         got, wanted = (sent, PACKET) if transmit else (read, NEW)
         touched = sum(len(set(r.written_back) | set(r.dropped)) for r in cache.log if isinstance(r, Operation))
         stages = [self._named(stage) for stage in story.stages()]
@@ -215,13 +214,14 @@ class DmaCoherence(Experiment):
         return picture(result.stages, self.step, PLACES[self.place][0], spans)
 
     def metrics(self, result: Outcome) -> list[Metric]:
-        halves = tuple(all(result.arrived[n : n + SIZE // 2]) for n in (0, SIZE // 2))
+        halves = all(result.arrived[: SIZE // 2]), all(result.arrived[SIZE // 2 :])
         got = {(True, True): "everything", (True, False): "the first half", (False, True): "the other half"}.get(
             halves, "parts of it" if any(result.arrived) else "nothing of it"
         )
+        receiver = "the receiver is the device" if self.direction == "transmit" else "the receiver is the CPU"
         more = f" (and {len(result.causes) - 1} more)" if len(result.causes) > 1 else ""
         return [
-            Metric(f"{'the device' if self.direction == 'transmit' else 'the CPU'} got", got, good=all(result.arrived)),
+            Metric("the receiver got", got, good=all(result.arrived), note=receiver),
             Metric("neighbour", "intact" if result.neighbour else "destroyed", good=result.neighbour),
             Metric(
                 "what went wrong",
@@ -246,14 +246,14 @@ MEANWHILE = {
 }
 
 
-class Alignment(Experiment):
+class Alignment(Experiment[tuple[list[Stage], Operation, int]]):
     """Which bytes does a cache operation really work on?
 
     It works on whole lines: `SCB_CleanDCache_by_Addr(addr & ~0x1F, size + (addr & 0x1F))`. The variables before and behind the
     buffer have just been written by the CPU, so they are dirty. Clean is followed by a transmission, the others by a reception.
     """
 
-    step: Annotated[int, Interval(ge=0, le=3), Doc("how far the story is told")] = 3
+    step: Annotated[int, Interval(ge=0, le=3), View(), Doc("how far the story is told")] = 3
     operation: Annotated[
         Literal["clean", "invalidate", "clean+invalidate"],
         Labels({"clean": "clean (transmit)", "invalidate": "invalidate (receive)", "clean+invalidate": "clean and invalidate"}),
@@ -299,8 +299,9 @@ class Alignment(Experiment):
 
     def figure(self, result: tuple[list[Stage], Operation, int]) -> dict[str, Any]:
         stages, done, _ = result
-        end, worked = self.offset + self.size, len(done.lines) * LINE
-        lines = f"{len(done.lines)} line{'s' * (len(done.lines) != 1)}"
+        worked_on = done.lines or range(0)  # always given, as the operation is by address
+        end, worked = self.offset + self.size, len(worked_on) * LINE
+        lines = f"{len(worked_on)} line{'s' * (len(worked_on) != 1)}"
         spans = [
             Span("before", 0, self.offset),
             Span("buffer", self.offset, end, colour=YELLOW),
@@ -310,7 +311,7 @@ class Alignment(Experiment):
         if done.missed:
             spans.append(Span("missed", worked, end, 1, ORANGE))
         asked = f"{self.size} + {self.offset} = {self.size + self.offset}" if self.size_rule == "with_offset" else f"{self.size}"
-        arithmetic = f"0x{SRAM + self.offset:08X} & ~0x1F = 0x{done.lines.start:08X},  {asked} bytes: {lines}"
+        arithmetic = f"0x{SRAM + self.offset:08X} & ~0x1F = 0x{worked_on.start:08X},  {asked} bytes: {lines}"
         return picture(stages, self.step, SRAM, [span for span in spans if span.stop > span.start], arithmetic)
 
     def metrics(self, result: tuple[list[Stage], Operation, int]) -> list[Metric]:

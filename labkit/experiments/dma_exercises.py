@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from labkit.cache import Cache, Dma, MpuRegion, Transfer, stm32f767, violations
-from labkit.cache.coherence import CAUSES
+from labkit.cache import CAUSES, Access, Cache, Dma, MpuRegion, Transfer, stm32f767, violations
 from labkit.cache.drivers import evict
 from labkit.cache.memory import WRITE_BACK
 from labkit.experiment import Feedback
@@ -53,32 +52,39 @@ def check_rounding(rounded: Callable[[int, int], tuple[int, int]]) -> Feedback:
     return Feedback(True, f"right for all {LINE} offsets and all sizes up to {2 * LINE + 1} bytes, and never a line too many.")
 
 
+#: What may happen to the lines of a buffer while the DMA fills it.
+EVENTS: dict[str, Callable[[Cache, int], object]] = {
+    "nothing happens": lambda cache, line: None,
+    "the CPU prefetches the buffer": Cache.speculate,
+    "the buffer is evicted": evict,
+}
+
+
 class _BusyDma(Dma):
     """A DMA master whose receptions are interrupted in the middle by something else."""
 
-    meanwhile: Callable[[], object] | None = None
+    def __init__(self, cache: Cache, event: Callable[[Cache, int], object]) -> None:
+        super().__init__(cache.memory, cache.log)
+        self._cache, self._event = cache, event
 
     def write(self, address: int, data: bytes) -> Transfer:
         half = len(data) // 2
         super().write(address, data[:half])
-        if self.meanwhile is not None:
-            self.meanwhile()
+        for line in (BUFFER, BUFFER + LINE):
+            self._event(self._cache, line)
         return super().write(address + half, data[half:])
 
 
 def check_receive_driver(driver: Callable[[Cache, Dma, int, bytes], bytes]) -> Feedback:
     """Exercise 3: a driver that receives into two whole lines, correct whatever the cache held and whatever happens meanwhile."""
     for held in ("nothing", "a clean copy", "a dirty copy"):
-        for event in ("nothing happens", "the CPU prefetches the buffer", "the buffer is evicted"):
+        for event, happen in EVENTS.items():
             cache = Cache(stm32f767())
-            dma = _BusyDma(cache.memory, cache.log)
+            dma = _BusyDma(cache, happen)
             if held == "a clean copy":
                 cache.read(BUFFER, len(FRAME))
             elif held == "a dirty copy":
                 cache.write(BUFFER, bytes(len(FRAME)))
-            acts = {"the CPU prefetches the buffer": cache.speculate, "the buffer is evicted": lambda at: evict(cache, at)}
-            if event in acts:
-                dma.meanwhile = lambda: [acts[event](at) for at in (BUFFER, BUFFER + LINE)]
             got = driver(cache, dma, BUFFER, FRAME)
             scene = f"the cache held {held} of the buffer and {event} during the transfer"
             wrong = violations(cache.log)
@@ -86,7 +92,8 @@ def check_receive_driver(driver: Callable[[Cache, Dma, int, bytes], bytes]) -> F
                 return Feedback(False, f"{scene}: {wrong[0].cause} ({CAUSES[wrong[0].cause]}).")
             transfers = [n for n, record in enumerate(cache.log) if isinstance(record, Transfer) and record.op == "dma write"]
             later = cache.log[transfers[-1] :] if transfers else []
-            read = sum(record.size for record in later if getattr(record, "op", "") == "read" and record.address >= BUFFER)
+            reads = (record for record in later if isinstance(record, Access) and record.op == "read")
+            read = sum(record.size for record in reads if record.address >= BUFFER)
             if not cache.enabled:
                 return Feedback(False, "the cache is off when your driver ends; everybody else pays for that.")
             if got != FRAME or read < len(FRAME):

@@ -10,7 +10,7 @@ from annotated_types import Interval, Unit
 from typing_extensions import Doc
 
 from labkit.cache import SOURCE1_MPU, MpuRegion, stm32f767
-from labkit.experiment import Experiment, Labels, Metric
+from labkit.experiment import Experiment, Labels, Metric, View
 from labkit.experiments.byte_story import LINE, Stage, Story
 from labkit.experiments.dma_coherence import picture
 from labkit.figures.lanes import Span
@@ -74,14 +74,14 @@ def send(mpu: Sequence[MpuRegion], driver: str, address: int, other_work: int = 
     return Sent(story.stages(), received)
 
 
-class UrosSession(Experiment):
+class UrosSession(Experiment[Sent]):
     """Why does the agent receive zeros?
 
     micro-ROS opens a session: the message CREATE_CLIENT goes through lwIP and the Ethernet DMA to the agent. It worked until the
     data cache was switched on.
     """
 
-    step: Annotated[int, Interval(ge=0, le=4), Doc("how far the story is told")] = 4
+    step: Annotated[int, Interval(ge=0, le=4), View(), Doc("how far the story is told")] = 4
     driver: Annotated[
         Literal["generated", "size_only", "with_offset"],
         Labels({"generated": "no clean (as generated)", "size_only": "clean, size only", "with_offset": "clean, size + offset"}),

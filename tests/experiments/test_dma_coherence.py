@@ -9,6 +9,7 @@ from labkit.experiments.byte_story import CPU, DMA, LINE, Story
 from labkit.experiments.dma_coherence import Alignment, DmaCoherence
 from labkit.experiments.dma_exercises import DOCUMENTED, check_failures, check_receive_driver, check_region, check_rounding
 from labkit.experiments.dma_session import CREATE_CLIENT, KEY, UrosSession, agent
+from labkit.sweeping import sweep
 
 FAILURES = {
     "transmit without clean": DmaCoherence(),
@@ -32,7 +33,7 @@ def test_the_switches_reach_all_six_documented_failures():
 @given(DmaCoherence.strategy())
 def test_memory_that_is_not_cached_cures_everything(experiment):
     for place in ("non_cacheable", "dtcm"):
-        result = experiment.model_copy(update={"place": place}).run()
+        result = experiment.replace(place=place).run()
         assert all(result.arrived) and result.neighbour and not result.causes
 
 
@@ -40,7 +41,7 @@ def test_memory_that_is_not_cached_cures_everything(experiment):
 @given(DmaCoherence.strategy())
 def test_the_right_operations_on_whole_lines_cure_everything(experiment):
     before, after = ("clean", "none") if experiment.direction == "transmit" else ("invalidate", "invalidate")
-    result = experiment.model_copy(update={"offset": 0, "before": before, "after": after}).run()
+    result = experiment.replace(offset=0, before=before, after=after).run()
     assert all(result.arrived) and result.neighbour and not result.causes
 
 
@@ -68,8 +69,20 @@ def test_the_lanes_show_what_cache_and_memory_hold_and_stale_is_what_somebody_el
 
 
 def test_write_through_cures_transmitting_only():
-    assert DmaCoherence(place="write_through").measure("the device got") == "everything"
-    assert DmaCoherence(place="write_through", direction="receive").measure("the CPU got") == "nothing of it"
+    assert DmaCoherence(place="write_through").measure("the receiver got") == "everything"
+    assert DmaCoherence(place="write_through", direction="receive").measure("the receiver got") == "nothing of it"
+
+
+def test_a_sweep_over_the_direction_has_a_number_in_every_row():
+    table = sweep(DmaCoherence, direction=["transmit", "receive"], place=["cached", "dtcm"])
+    assert table["the receiver got"].tolist() == ["nothing of it", "everything"] * 2
+    assert not table.isna().any(axis=None)
+
+
+@pytest.mark.parametrize("cls", [DmaCoherence, Alignment, UrosSession])
+def test_a_step_is_a_view(cls):
+    assert [p.name for p in cls.parameters() if p.view] == ["step"]
+    assert cls(step=1).same_run(cls(step=2))
 
 
 def test_cleaning_first_saves_a_neighbour_that_is_left_alone_during_the_transfer():
@@ -94,7 +107,7 @@ def test_the_step_slider_shows_one_stage_after_the_other():
 @settings(max_examples=60, deadline=None)
 @given(Alignment.strategy())
 def test_alignment_follows_the_arithmetic(experiment):
-    stages, done, stale = experiment.run()
+    _, done, stale = experiment.run()
     span = experiment.size + (experiment.offset if experiment.size_rule == "with_offset" else 0)
     end = experiment.offset + experiment.size
     assert len(done.lines) == -(-span // LINE) and done.lines.start % LINE == 0
