@@ -1,10 +1,10 @@
-"""Notebook 02, the cache itself: a map of sets and ways, miss rates over size, ways and stride, loop orders of a matrix product."""
+"""Notebook 02, the cache itself: a map of sets and ways, miss rates over size, ways and stride, loop orders of a product."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal, get_args
 
 import numpy as np
 from annotated_types import Interval, MaxLen, MultipleOf, Unit
@@ -75,8 +75,8 @@ class Walk:
 class CacheMap(Experiment[Walk]):
     """What is in the cache after each access, and why did this one miss?
 
-    A pattern of accesses goes through a small data cache with lines of 32 bytes; `step` is how many have happened. Above the map of
-    sets and ways; the outlined cell is where the latest access went. Below all addresses in order of time.
+    A pattern of accesses goes through a small data cache with lines of 32 bytes; `step` is how many have happened. Above the map
+    of sets and ways; the outlined cell is where the latest access went. Below all addresses in order of time.
     """
 
     step: Annotated[
@@ -152,9 +152,10 @@ class CacheMap(Experiment[Walk]):
         ]
 
 
-SIZES = (512, 1024, 2048, 4096, 8192, 16384, 32768, 65536)
-WAYS = (1, 2, 4, 8, 16)
-STRIDES = tuple(4 << n for n in range(11))
+Size = Literal[512, 1024, 2048, 4096, 8192, 16384, 32768, 65536]
+Ways = Literal[1, 2, 4, 8, 16]
+Stride = Literal[4, 8, 16, 32, 64, 128, 256, 512, 1024, 2048, 4096]
+SIZES, WAYS, STRIDES = (get_args(kind) for kind in (Size, Ways, Stride))
 VISITS = 4  # rounds of MissRates
 
 
@@ -166,11 +167,11 @@ class MissRates(Experiment[dict[str, list[float | None]]]):
     """
 
     elements: Annotated[int, Interval(ge=8, le=512), MultipleOf(8), Doc("elements of 4 bytes visited in each round")] = 256
-    stride: Annotated[Literal[STRIDES], Labels({s: f"{s} bytes" for s in STRIDES}), Doc("distance of neighbouring elements")] = 32
+    stride: Annotated[Stride, Labels({s: f"{s} bytes" for s in STRIDES}), Doc("distance of neighbouring elements")] = 32
     size: Annotated[
-        Literal[SIZES], Labels({s: f"{s} bytes" if s < 1024 else f"{s // 1024} KiB" for s in SIZES}), Doc("capacity of the cache")
+        Size, Labels({s: f"{s} bytes" if s < 1024 else f"{s // 1024} KiB" for s in SIZES}), Doc("capacity of the cache")
     ] = 16384
-    ways: Annotated[Literal[WAYS], Doc("lines per set")] = 4
+    ways: Annotated[Ways, Doc("lines per set")] = 4
     order: Annotated[Literal["circle", "back and forth", "shuffled"], Doc("how a round visits the elements")] = "circle"
     policy: Policy = "lru"
 
@@ -224,14 +225,16 @@ class MissRates(Experiment[dict[str, list[float | None]]]):
         ]
 
 
-ORDERS = patterns.ORDERS
+Order = Literal["ijk", "ikj", "jik", "jki", "kij", "kji"]
+ORDERS: tuple[str, ...] = get_args(Order)
 CAUSES = {"compulsory": SKY, "capacity": ORANGE, "conflict": VERMILION}
 
 
 class MatrixOrders(Experiment[dict[str, MissClasses]]):
     """Same product, same numbers: which order of the three loops misses least?
 
-    C = A B with n x n numbers of 4 bytes, C zero at first and added to at every step; all six orders of the loops, each miss by its cause.
+    C = A B with n x n numbers of 4 bytes, C zero at first and added to at every step; all six orders of the loops, each miss by
+    its cause.
     """
 
     slow: ClassVar[bool] = True
@@ -248,7 +251,7 @@ class MatrixOrders(Experiment[dict[str, MissClasses]]):
         Doc("capacity of the cache"),
     ] = 1024
     ways: Annotated[Literal[1, 2, 4], Doc("lines per set")] = 4
-    order: Annotated[Literal[ORDERS], View(), Doc("the one whose numbers are shown, loops from outside to inside")] = "ijk"
+    order: Annotated[Order, View(), Doc("the one whose numbers are shown, loops from outside to inside")] = "ijk"
 
     def run(self) -> dict[str, MissClasses]:
         geometry, result = Geometry(self.size, self.ways, LINE), {}

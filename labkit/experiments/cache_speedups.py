@@ -1,4 +1,4 @@
-"""Notebook 02: what the caches brought in the published recordings (source 1, tables 2 to 10), and what a timing model says to that."""
+"""Notebook 02: what the caches brought in the published recordings (source 1, tables 2 to 10), and what a timing model says."""
 
 from __future__ import annotations
 
@@ -83,8 +83,8 @@ Guess = Annotated[float, Interval(ge=0.5, le=10), MultipleOf(0.5), Unit("×"), V
 class SpeedupGuess(Experiment[dict[str, tuple[float, ...]]]):
     """How many times faster does each task of the robot get when both caches go on?
 
-    One slider per task; `reveal` shows the factors of both recordings (50|30 and 100|50 Hz). `link_check` is EthLink, which asks the
-    network chip over a slow serial bus whether the cable is plugged in.
+    One slider per task; `reveal` shows the factors of both recordings (50|30 and 100|50 Hz). `link_check` is EthLink, which asks
+    the network chip over a slow serial bus whether the cable is plugged in.
     """
 
     wheel_ctrl: Annotated[Guess, Doc("your guess for the wheel controller under FreeRTOS")] = 1.0
@@ -153,13 +153,10 @@ class PublishedSpeedups(Experiment[dict[str, list[Pair]]]):
                     n for n in names if n in ("odom", "p_ctrl", "w_ctrl", "odometry", "pose_control", "wheel_ctrl", "hal_fetch")
                 ]
             result[platform] = [
-                Pair(
-                    name,
-                    *(getattr(recordings()[platform, rates, caches][name], self.quantity) for caches in ("off", "on")),
-                    upper,
-                )
+                Pair(name, before, after, rates == RATES[0])
                 for name in names
-                for rates, upper in zip(RATES, (True, False), strict=True)
+                for rates in RATES
+                for before, after in [[getattr(recordings()[platform, rates, c][name], self.quantity) for c in ("off", "on")]]
             ]
         return result
 
@@ -176,7 +173,7 @@ class PublishedSpeedups(Experiment[dict[str, list[Pair]]]):
                 "%",
                 published=printed,
                 good=abs(change(platform, name) - printed) <= 0.005 + 1e-9,
-                note="change of the sum at 100|50 Hz, caches on against off: recomputed from the table, and as the text prints it",
+                note="change of the sum at 100|50 Hz, caches on against off: from the table, and as the text prints it",
             )
             for (platform, name), printed in CLAIMS.items()
         ]
@@ -205,7 +202,7 @@ Coldness = Annotated[
 
 
 def program(instructions: int, coldness: int, passes: int = 1, fetches_per_100: int = 48, insensitive: int = 0) -> Work:
-    """A job that runs through its code `passes` times; of its lines of code and data the share `coldness` [%] must be fetched anew."""
+    """A job that runs through its code `passes` times; the share `coldness` [%] of its lines must be fetched anew."""
     fetches, data = instructions * fetches_per_100 // 100, round(instructions * DATA_PER_INSTRUCTION)
     share = coldness / 100 / passes
     return Work(
@@ -226,8 +223,8 @@ def parts(cost: Cost, unit: float) -> list[float]:
 class TimingModel(Experiment[tuple[Cost, Cost]]):
     """Which prices make a task three times faster?
 
-    One job of a program, priced without and with caches. Only the wait states are known (RM0410); every other slider is an assumption.
-    The thick line is the model's speed-up, the diamonds are the robot's tasks.
+    One job of a program, priced without and with caches. Only the wait states are known (RM0410); every other slider is an
+    assumption. The thick line is the model's speed-up, the diamonds are the robot's tasks.
     """
 
     clock: Clock = 216

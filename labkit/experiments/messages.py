@@ -145,8 +145,9 @@ MECHANISMS = {
 class SignalLab(Experiment[Service]):
     """Semaphore or notification: what does an interrupt's signal cost, and can it get lost?
 
-    A device interrupts in bursts; a handler task serves the events. The cost of a semaphore call is a parameter, the notification's
-    is given relative to it: FreeRTOS's own documentation claims that unblocking by notification is up to 45 % faster.
+    A device interrupts in bursts; a handler task serves the events. The cost of a semaphore call is a parameter, the
+    notification's is given relative to it: FreeRTOS's own documentation claims that unblocking by notification is up to 45 %
+    faster.
     """
 
     mechanism: Annotated[
@@ -254,7 +255,5 @@ def check_shortest_queue(answer: QueueLab) -> Feedback:
     if lost:
         return Feedback(False, f"a queue of {answer.length} loses {lost} items.")
     shorter = answer.length > 1 and not len(QueueLab(length=answer.length - 1).run().dropped)
-    return Feedback(
-        not shorter,
-        f"a queue of {answer.length} loses nothing{', but a shorter one neither' if shorter else ', and one less loses something'}.",
-    )
+    more = "but a shorter one neither" if shorter else "and one less loses something"
+    return Feedback(not shorter, f"a queue of {answer.length} loses nothing, {more}.")

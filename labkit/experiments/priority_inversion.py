@@ -121,7 +121,7 @@ class PriorityInversion(Experiment[tuple[Contest, Contest]]):
         work = H_BEFORE + H_INSIDE + H_AFTER + self.hold + L_AFTER + self.interference
         return max(self.release_H, self.release_M) + work + 2
 
-    def bound(self, protocol: str) -> int | None:
+    def bound(self, protocol: str) -> int:
         """The analytical bound on H's blocking in ms, whatever the releases."""
         never = 10 * self.horizon()  # every task has one job, so its period is longer than anything here
         tasks = [
@@ -130,7 +130,9 @@ class PriorityInversion(Experiment[tuple[Contest, Contest]]):
             PeriodicTask("L", self.hold + L_AFTER, never),
         ]
         sections = [CriticalSection("H", "S", H_INSIDE), CriticalSection("L", "S", self.hold)]
-        return blocking_bounds(tasks, sections, "none" if protocol == "semaphore" else protocol)["H"]
+        bound = blocking_bounds(tasks, sections, "none" if protocol == "semaphore" else protocol)["H"]
+        assert bound is not None, "everybody has one job, so there is a bound"
+        return bound
 
     def run(self) -> tuple[Contest, Contest]:
         semaphore, mutex = (Contest.of(self.simulate(p), "H", self.release_H) for p in ("semaphore", self.protocol))
@@ -348,7 +350,7 @@ PATHFINDER = {"bc_sched": 4, "bc_dist": 3, "comm": 2, "ASI_MET": 1}
 
 
 def check_harmless_inversion(answer: PriorityInversion) -> Feedback:
-    """Exercise 1: releases at which the semaphore costs H nothing, although M interferes at least 10 ms and L holds at least 6 ms."""
+    """Exercise 1: releases at which the semaphore costs H nothing, with 10 ms or more of M and L holding 6 ms or more."""
     if answer.interference < 10 or answer.hold < 6:
         return Feedback(
             False, "keep hold at 6 ms or more and interference at 10 ms or more; only the releases are yours to move."

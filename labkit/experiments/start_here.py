@@ -24,7 +24,7 @@ HORIZON, SHOWN = 240, 80  # ms simulated, where the least common multiple of the
 
 @dataclass(frozen=True)
 class Schedule:
-    """The simulation, with the longest response seen and the bound computed for each task, in ms (None: no bound, it overloads)."""
+    """The simulation, with the longest response seen and the bound computed for each task, in ms (None: it overloads)."""
 
     run: Run
     longest: dict[str, float]

@@ -123,7 +123,7 @@ class Bar:
 
 
 def stacked(bars: Sequence[Bar], parts: Mapping[str, str], x: Spec, **more: Any) -> Panel:
-    """Horizontal stacked bars over the axis `x`; `parts` gives each part its colour. `more` are other attributes of the `Panel`."""
+    """Horizontal stacked bars over the axis `x`; `parts` gives each part its colour. `more`: other attributes of the `Panel`."""
     drawn: list[Spec] = [
         {
             "type": "bar",
@@ -184,13 +184,14 @@ def factors(rows: Sequence[Factor], x: Spec, guess: str = "", line: float | None
 
 
 def _published(x: Sequence[float], y: Sequence[float]) -> Spec:
-    """Diamonds; what they are says the legend's own entry."""
+    """Diamonds; the legend has an entry of its own for them."""
     return {
         "type": "scatter",
         "mode": "markers",
         "x": x,
         "y": y,
         "marker": PUBLISHED,
+        "name": "measured (source 1)",
         "showlegend": False,
         "hovertemplate": "measured: %{x:.4g}<extra></extra>",
     }

@@ -12,7 +12,7 @@ from labkit.figures.style import PUBLISHED, Spec
 
 @dataclass(frozen=True)
 class Curve:
-    """A line through points; `dash` as plotly has it; `mark` is the index of the point to be emphasised, where the sliders stand."""
+    """A line through points; `dash` as plotly has it; `mark`: index of a point to be emphasised, where the sliders stand."""
 
     name: str
     x: Sequence[Any]

@@ -155,15 +155,15 @@ def periods_gantt(
     box: Spec = {"type": "rect", "layer": "below", "fillcolor": GROUND, "line": {"width": 0}}
     shapes: list[Spec] = []
     for row, w in ((i, window[phase_of[part]]) for i, part in enumerate(parts) if phase_of[part] in window):
-        for start in (k * period_ns + w.release_ns for k in shown):
-            end = start + w.deadline_ns
-            shapes.append({**box, "x0": start * MS, "x1": end * MS, "y0": -row - 0.45, "y1": 0.45 - row})
+        for begin in (k * period_ns + w.release_ns for k in shown):
+            x0, x1 = begin * MS, (begin + w.deadline_ns) * MS
+            shapes.append({**box, "x0": x0, "x1": x1, "y0": -row - 0.45, "y1": 0.45 - row})
     for at in (k * period_ns * MS for k in (*shown, shown.stop)):
         shapes.append({"type": "line", "x0": at, "x1": at, "yref": "y domain", "y0": 0, "y1": 1, "line": DOTTED})
     start, end = shown.start * period_ns * MS, shown.stop * period_ns * MS
     labels = {part: short(part) for part in parts}
-    known = {"x": axis("time [ms]", range=[start, end]), "shapes": shapes}
-    return gantt(trace, parts, start, end, pairs=True, labels=labels, **known, **more)
+    x = axis("time [ms]", range=[start, end])
+    return gantt(trace, parts, start, end, pairs=True, labels=labels, x=x, shapes=shapes, **more)
 
 
 def activity_stack(

@@ -1,14 +1,20 @@
 """What holds for every experiment at every position of its sliders."""
 
 import json
+from typing import Any
 
+import numpy as np
 import plotly.graph_objects as go
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+import labkit.phases.designs
+import labkit.scheduler.periodic
 from labkit.__main__ import main
+from labkit.cache import Cache
 from labkit.experiments import experiments
+from labkit.kernel import Kernel
 
 EXPERIMENTS = experiments()
 
@@ -18,6 +24,20 @@ def cls(request):
     return request.param
 
 
+def plain(figure: Any) -> Any:
+    """A figure with lists in place of arrays, to be compared."""
+    if isinstance(figure, np.ndarray):
+        return figure.tolist()
+    if isinstance(figure, dict):
+        return {key: plain(value) for key, value in figure.items()}
+    return [plain(value) for value in figure] if isinstance(figure, list | tuple) else figure
+
+
+def text(figure: Any) -> str:
+    """The same as text, in which not-a-number equals itself."""
+    return json.dumps(plain(figure), default=lambda value: value.item() if isinstance(value, np.generic) else list(value))
+
+
 @settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
 @given(data=st.data())
 def test_no_slider_position_crashes_and_the_figure_keeps_its_traces(cls, data):
@@ -25,18 +45,67 @@ def test_no_slider_position_crashes_and_the_figure_keeps_its_traces(cls, data):
     result = experiment.run()
     figure = experiment.figure(result)
     start = cls()
-    expected = [trace["type"] for trace in start.figure(start.run())["data"]]
+    usual = start.run()
+    expected = [trace["type"] for trace in start.figure(usual)["data"]]
     assert [trace["type"] for trace in figure["data"]] == expected
     metrics = experiment.metrics(result)
-    assert metrics and len({m.name for m in metrics}) == len(metrics)
+    assert metrics and [m.name for m in metrics] == [m.name for m in start.metrics(usual)]
+    assert len({m.name for m in metrics}) == len(metrics)
     for m in metrics:
         if m.bound is not None and m.value is not None:
             assert m.value <= m.bound, f"{m.name}: {m.value} above its bound {m.bound}"
+        assert m.value is not None or m.note or m.bound is None, f"{m.name}: no value and no note that says why"
+
+
+@settings(max_examples=8, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
+@given(data=st.data())
+def test_a_view_shows_the_same_result(cls, data):
+    """What differs in views only has one result: shown in another way it gives what a fresh run gives."""
+    views = [p.name for p in cls.parameters() if p.view]
+    if not views:
+        return
+    experiment, other = data.draw(cls.strategy()), data.draw(cls.strategy())
+    seen = experiment.replace(**{name: getattr(other, name) for name in views})
+    result = experiment.run()
+    fresh = seen.run()
+    assert seen.same_run(experiment)
+    assert seen.metrics(result) == seen.metrics(fresh)
+    assert text(seen.figure(result)) == text(seen.figure(fresh))
+
+
+def test_figure_and_metrics_simulate_nothing(cls, monkeypatch):
+    def refused(*_: Any, **__: Any) -> None:
+        raise AssertionError("a figure or a metric simulates")
+
+    experiment = cls()
+    result = experiment.run()
+    monkeypatch.setattr(cls, "run", refused)
+    for owner, name in ((Kernel, "run"), (Cache, "read"), (Cache, "write"), (labkit.phases.designs, "run_design")):
+        monkeypatch.setattr(owner, name, refused)
+    module = __import__(cls.__module__, fromlist=["*"])
+    for name in ("simulate", "count", "replay", "run_design", "experiment_1", "run_cost"):
+        if hasattr(module, name) and getattr(module, name).__module__ != cls.__module__:
+            monkeypatch.setattr(module, name, refused)
+    experiment.figure(result)
+    experiment.metrics(result)
 
 
 def test_plotly_accepts_the_whole_figure(cls):
     experiment = cls()
     go.Figure(experiment.figure(experiment.run()))
+
+
+def test_the_page_decides_the_size_and_every_text_has_one(cls):
+    """The page sets width and scales text; what it cannot see, it cannot scale."""
+    experiment = cls()
+    figure = experiment.figure(experiment.run())
+    layout = figure["layout"]
+    assert layout["height"] and not {"width", "autosize", "template"} & layout.keys()
+    assert all("size" in note["font"] for note in layout.get("annotations", ()))
+    for trace in figure["data"]:
+        fonts = [trace.get(key) for key in ("textfont", "insidetextfont")]
+        if "text" in trace and trace.get("mode", "text") != "markers":
+            assert any(font and "size" in font for font in fonts), f"text of trace {trace.get('name')} has no size"
 
 
 def test_a_run_is_pure(cls):
