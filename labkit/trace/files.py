@@ -21,7 +21,7 @@ from typing import IO, Any
 import numpy as np
 
 from labkit.trace.kinds import CODE, KINDS
-from labkit.trace.log import LogError, told
+from labkit.trace.report import LogError, told
 from labkit.trace.trace import COLUMNS, Trace
 
 #: More events than this are not read; 20 million take a gigabyte.

@@ -8,7 +8,7 @@ import numpy as np
 
 from labkit.trace.jobs import jobs
 from labkit.trace.spans import KERNEL, span_table
-from labkit.trace.trace import Trace
+from labkit.trace.trace import Trace, printable
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -134,6 +134,7 @@ def describe(frame: pd.DataFrame) -> str:
     counts = ("count", "cut", "jobs", "aborts", "misses")
     shown = shown[[c for c in shown if c not in counts[1:] or shown[c].any()]]
     layout = {c: "{:.0f}" if c in counts else "{:.2%}" if c == "share" else "{:.1f}" for c in shown}
+    shown = shown.rename(index=lambda name: printable(name) if isinstance(name, str) else name)
     text = shown.to_string(formatters={c: f.format for c, f in layout.items()}, index_names=False, na_rep="")
     note = "times in us, rate per second; percentiles are observed values; a max is the largest observed, not a guarantee"
     return f"{text}\n{note}"

@@ -16,6 +16,11 @@ if TYPE_CHECKING:
 COLUMNS = ("time", "kind", "task", "other", "value", "extra")
 
 
+def printable(name: str) -> str:
+    """A name for a line of output: as it is, or with escapes for control characters, which would break the line."""
+    return name if name.isprintable() else repr(name)[1:-1]
+
+
 @dataclass(frozen=True, eq=False)
 class Trace:
     """Events in the order in which they happened, observed from `start` to `end`.
@@ -115,7 +120,7 @@ class Trace:
         try:
             return self.names.index(name)
         except ValueError:
-            raise ValueError(f"no {name!r} in this trace; it has {', '.join(self.names)}") from None
+            raise ValueError(f"no {name!r} in this trace; it has {', '.join(map(printable, self.names))}") from None
 
     def frame(self, *kinds: str) -> pd.DataFrame:
         """The events as a pandas frame, names in place of codes and None for -1; `time` stays in time units."""

@@ -5,12 +5,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from labkit.trace import Trace, describe, read_log, spans, statistics
 from labkit.trace.folds import runs
 from labkit.trace.kinds import CODE
+from labkit.trace.spans import _walk, nest
 
 LOGS = Path(__file__).parents[1] / "oracle" / "logs"
 
@@ -290,3 +291,19 @@ def test_a_window_of_two_cores_keeps_who_runs_on_each():
     trace = replace(Trace.from_rows(rows, ["f", "g"], 1_000_000, end=10), core=np.array([0, 1, 0]))
     frame = spans(trace.window(5, 9))
     assert frame[["name", "core", "start", "end"]].values.tolist() == [["f", 0, 5, 8], ["g", 1, 5, 9], ["g", 0, 8, 9]]
+
+
+# Nesting in whole columns, against the walk over the events
+
+
+@settings(max_examples=400, deadline=None)
+@given(st.data())
+def test_nesting_is_that_of_a_walk_with_a_stack(data):
+    count = data.draw(st.integers(0, 12))
+    places = np.array(data.draw(st.permutations(range(2 * count))), dtype=np.int64).reshape(-1, 2)
+    opened, closed = np.sort(places, axis=1).T
+    time = np.cumsum(data.draw(st.lists(st.integers(0, 3), min_size=2 * count, max_size=2 * count)) or [0])
+    name = np.array(data.draw(st.lists(st.integers(0, 3), min_size=count, max_size=count)), dtype=np.int64)
+    columns = name, opened, closed, time[opened], time[closed]
+    for fast, walked in zip(nest(*columns), _walk(*columns), strict=True):
+        assert fast.tolist() == walked.tolist()

@@ -1,0 +1,278 @@
+"""The lines of a log as columns of stamps, read in blocks: from a path, a file or text, whatever is in it."""
+
+from __future__ import annotations
+
+import codecs
+import os
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from fractions import Fraction
+from io import BytesIO, StringIO
+from math import ceil
+from typing import IO, Any
+
+import numpy as np
+
+from labkit.trace.report import LogError, Problems, told
+
+#: Longest log in bytes (a text in characters); one of this size has some 13 million stamps.
+MOST_BYTES = 256 << 20
+
+#: More different names than this are no names.
+MOST_NAMES = 100_000
+
+US = 1000  # nanoseconds
+LONGEST = 10**18  # ns, 31 years
+MOST_CORE = 999
+
+_BLOCK = 1 << 20
+
+
+@dataclass(frozen=True, eq=False)
+class Stamps:
+    """Columns of shape (n,) in the order of the lines: line from 1, time in ns, index into `names`, begin or end, core."""
+
+    line: np.ndarray
+    time: np.ndarray
+    name: np.ndarray
+    begin: np.ndarray
+    core: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.line)
+
+    def ordered(self, order: np.ndarray) -> Stamps:
+        return Stamps(*(column[order] for column in (self.line, self.time, self.name, self.begin, self.core)))
+
+
+@dataclass
+class Reading:
+    """What is known of a log while its blocks are read.
+
+    Attributes:
+        limit: times from here on are impossible, in ns.
+        reach: why, in words.
+        names: code of every name seen.
+        faults: what is wrong with every name refused.
+        several: whether each stamp ends with the number of its core; decided by the first block.
+    """
+
+    limit: int
+    reach: str
+    problems: Problems
+    names: dict[str, int] = field(default_factory=dict)
+    faults: dict[str, str] = field(default_factory=dict)
+    several: bool = False
+    lines: int = 0
+    comments: int = 0
+    empty: int = 0
+
+    @property
+    def format(self) -> str:
+        return "'<name> <microseconds> <1 begin | 0 end>" + (" <core>'" if self.several else "'")
+
+    def code_of(self, name: str) -> int | None:
+        """The code of a name; None if it cannot be one, which `faults` then explains."""
+        code = self.names.get(name)
+        if code is not None or name in self.faults:
+            return code
+        if fault := _name_fault(name):
+            if len(self.faults) < MOST_NAMES:
+                self.faults[name] = fault
+            return None
+        if len(self.names) == MOST_NAMES:
+            raise LogError(f"line {self.lines}: {told(name)} is name number {MOST_NAMES + 1}; a log has at most {MOST_NAMES}")
+        return self.names.setdefault(name, len(self.names))
+
+
+def read_stamps(source: str | os.PathLike[str] | bytes | IO[Any], wrap: Fraction | None) -> tuple[str, Stamps, Reading]:
+    """Read all lines; `wrap` is the time in ns after which the counter goes around, None if that is not known.
+
+    Returns:
+        the name of the source, the stamps, and what else was read.
+    """
+    if wrap is None:
+        reading = Reading(LONGEST, "any recording lasts", Problems())
+    else:  # a stamp may be rounded up
+        reading = Reading(ceil(wrap) + US, "a 32-bit counter of this clock can reach", Problems())
+    title = _title(source)
+    none = np.empty(0, np.int64)
+    blocks = [_columns(none, [], [], [], [])]
+    try:
+        with _stream(source) as stream:
+            for lines in _lines(stream, title):
+                if not reading.lines:
+                    reading.several = _several(lines)
+                blocks.append(_quickly(lines, reading) or _carefully(lines, reading))
+                reading.lines += len(lines)
+    except (OSError, UnicodeError) as error:
+        raise LogError(f"{title}: cannot be read ({getattr(error, 'strerror', None) or error})") from None
+    except ValueError as error:  # a NUL in a path, a closed file
+        raise error if isinstance(error, LogError) else LogError(f"{title}: cannot be read ({error})") from None
+    columns = ([getattr(block, name) for block in blocks] for name in ("line", "time", "name", "begin", "core"))
+    return title, Stamps(*(np.concatenate(column) for column in columns)), reading
+
+
+def _is_log(source: str) -> bool:
+    """Is this str a log rather than the path of one?"""
+    return "\n" in source or not source.strip() or (source.endswith((" 0", " 1")) and not os.path.exists(source))
+
+
+def _title(source: object) -> str:
+    if isinstance(source, str) and _is_log(source):
+        return "text"
+    name = source if isinstance(source, str | os.PathLike) else getattr(source, "name", "text")
+    name = str(name)
+    return name if name.isprintable() else told(name)
+
+
+@contextmanager
+def _stream(source: str | os.PathLike[str] | bytes | IO[Any]) -> Iterator[IO[Any]]:
+    if isinstance(source, str) and _is_log(source):
+        yield StringIO(source, newline="")
+    elif isinstance(source, str | os.PathLike):
+        with open(source, "rb") as file:
+            yield file
+    elif isinstance(source, bytes | bytearray):
+        yield BytesIO(source)
+    elif hasattr(source, "read"):
+        yield source
+    else:
+        raise LogError(f"a log is a path, an open file, bytes or text, not {type(source).__name__}")
+
+
+def _lines(stream: IO[Any], title: str) -> Iterator[list[str]]:
+    """The lines in blocks, without their ends; bytes as UTF-8, or UTF-16 if they begin like it (redirections in PowerShell)."""
+    size, begun, decoder = 0, list[str](), None
+    while piece := stream.read(_BLOCK):
+        size += len(piece)
+        if size > MOST_BYTES:
+            raise LogError(f"{title}: longer than {MOST_BYTES >> 20} MiB, the most that is read; cut the log into pieces")
+        if not isinstance(piece, str):
+            if decoder is None:
+                utf16 = piece[:2] in (b"\xff\xfe", b"\xfe\xff")
+                decoder = codecs.getincrementaldecoder("utf-16" if utf16 else "utf-8-sig")("replace")
+            piece = decoder.decode(piece)
+        begun.append(piece)
+        if "\n" in piece:
+            lines = "".join(begun).replace("\r\n", "\n").split("\n")
+            begun = [lines.pop()]
+            yield lines
+    if decoder is not None:
+        begun.append(decoder.decode(b"", True))
+    if last := "".join(begun):
+        yield [last]
+
+
+def _several(lines: list[str]) -> bool:
+    """Do these stamps end with a core? They do if more lines have that form than only that without."""
+    with_core = without = 0
+    for line in lines:
+        fields = line.rsplit(None, 3)
+        if len(fields) == 4 and fields[2] in ("0", "1") and _nanoseconds(fields[1]) is not None and _core(fields[3]) is not None:
+            with_core += 1
+        elif len(fields) >= 3 and fields[-1] in ("0", "1") and _nanoseconds(fields[-2]) is not None:
+            without += 1
+    return with_core > without
+
+
+def _quickly(lines: list[str], reading: Reading) -> Stamps | None:
+    """A block in which every line is a stamp in whole microseconds of a name without spaces; None if it is not."""
+    rows = [line.split(" ") for line in lines]
+    width = 4 if reading.several else 3
+    if {*map(len, rows)} != {width}:
+        return None
+    names, times, ends, *cores = zip(*rows, strict=True)
+    if not {*ends} <= {"0", "1"} or not all(map(str.isdecimal, times)) or max(map(len, times)) > 15:
+        return None
+    if cores and None in map(_core, {*cores[0]}):
+        return None
+    different = dict.fromkeys(names)
+    if any(not name or not name.isprintable() or "\ufffd" in name or name.startswith(("#", "//")) for name in different):
+        return None
+    if not "".join(times).isascii() or any(reading.code_of(name) is None for name in different):
+        return None
+    made = _columns(
+        np.arange(reading.lines + 1, reading.lines + len(lines) + 1),
+        np.fromiter(map(int, times), np.int64, len(lines)) * US,
+        [reading.names[name] for name in names],
+        [end == "1" for end in ends],
+        list(map(int, cores[0])) if cores else [],
+    )
+    return made if made.time.max() < reading.limit else None
+
+
+def _carefully(lines: list[str], reading: Reading) -> Stamps:
+    """Any block, line by line."""
+    problems, several = reading.problems, reading.several
+    numbers: list[int] = []
+    times: list[int] = []
+    codes: list[int] = []
+    begins: list[bool] = []
+    cores: list[int] = []
+    for number, line in enumerate(lines, reading.lines + 1):
+        fields = line.rsplit(None, 3 if several else 2)
+        if not fields:
+            reading.empty += 1
+        elif line.lstrip().startswith(("#", "//")):
+            reading.comments += 1
+        elif len(fields) < 3 + several or fields[2] not in ("0", "1"):
+            problems.rejected(number, f"{told(line)} is not {reading.format}")
+        elif several and (core := _core(fields[3])) is None:
+            problems.rejected(number, f"{told(fields[3])} is not the number of a core, 0 to {MOST_CORE}")
+        elif (time := _nanoseconds(fields[1])) is None:
+            problems.rejected(number, f"{told(fields[1])} is not a time in microseconds")
+        elif time >= reading.limit:
+            problems.rejected(number, f"{told(fields[1])} us is more than {reading.reach}")
+        else:
+            name = fields[0].strip()
+            code = reading.code_of(name)
+            if code is None:
+                problems.rejected(number, reading.faults.get(name) or _name_fault(name))
+                continue
+            numbers.append(number)
+            times.append(time)
+            codes.append(code)
+            begins.append(fields[2] == "1")
+            if several:
+                cores.append(core or 0)
+            if "\ufffd" in name:
+                problems.repaired(number, f"{told(name)} has bytes that are not UTF-8", "shown as \ufffd")
+    return _columns(numbers, times, codes, begins, cores)
+
+
+def _columns(
+    line: Sequence[int] | np.ndarray,
+    time: Sequence[int] | np.ndarray,
+    name: Sequence[int],
+    begin: Sequence[bool],
+    core: Sequence[int],
+) -> Stamps:
+    """The columns of a block; small types, for there are many of them."""
+    cores = np.array(core, np.int16) if core else np.zeros(len(line), np.int16)
+    return Stamps(
+        np.asarray(line, dtype=np.int32), np.asarray(time, dtype=np.int64), np.array(name, np.int32), np.array(begin, bool), cores
+    )
+
+
+def _core(text: str) -> int | None:
+    return int(text) if text.isascii() and text.isdigit() and len(text) <= 3 else None
+
+
+def _nanoseconds(text: str) -> int | None:
+    whole, point, fraction = text.partition(".")
+    if not (whole.isascii() and whole.isdigit() and len(whole) <= 40):
+        return None
+    if not point:
+        return int(whole) * US
+    return int(whole) * US + int(f"{fraction[:3]:0<3}") if fraction.isascii() and fraction.isdigit() else None
+
+
+def _name_fault(name: str) -> str:
+    if not name.isprintable():
+        return f"the name {told(name)} has control characters in it"
+    row = name.rsplit(None, 2)
+    if len(row) == 3 and row[1] in "XRBSD" and row[2].isdigit():
+        return f"{told(name)}... is a row of FreeRTOS's task list, not a stamp"
+    return ""
