@@ -62,6 +62,7 @@ class Core:
         "prices",
         "ready",
         "running",
+        "switch_cost",
         "switch_wanted",
         "textbook",
         "tick",
@@ -81,7 +82,7 @@ class Core:
         self.switch_wanted = self.textbook = False
         self.time_slicing = time_slicing
         self.every_tick = costs.tick > 0  # else only those at which something can happen
-        self.costs = costs
+        self.costs, self.switch_cost = costs, costs.switch
         self.prices: dict[Service, int] = {PRICED[name]: cycles for name, cycles in costs.by_service.items() if cycles}
         self.journal = Journal(most_events)
         self.log = self.journal.log
@@ -111,11 +112,7 @@ class Core:
             self._handle_interrupts(self._tick_due())  # those at the very end of the call before
         instant, steps = -1, 0
         while (now := self.now) < until:
-            if now != instant:
-                instant, steps = now, 0
-            steps += 1  # an interrupt and a task may keep each other going
             while not (task := self.running).remaining:
-                steps += 1
                 if task.pending is not None:
                     (service, arguments), task.pending = task.pending, None
                     service(self, task, *arguments)
@@ -134,17 +131,20 @@ class Core:
                     else:
                         raise ValueError(f"task {task.name!r} yielded {request!r}; requests and cycles from 0 on are allowed")
                 if self.now != now:
+                    now, task = self.now, self.running
                     break
+                steps += 1
                 if steps > ZERO_TIME_LIMIT:
-                    raise ValueError(
-                        f"task {task.name!r} is caught in a loop that takes no time: {ZERO_TIME_LIMIT} requests at cycle {now} "
-                        "without computing or blocking"
-                    )
+                    if now == instant:
+                        raise ValueError(
+                            f"task {task.name!r} is caught in a loop that takes no time: {ZERO_TIME_LIMIT} requests at cycle "
+                            f"{now} without computing or blocking"
+                        )
+                    instant, steps = now, 0  # looked at again after as many
             if len(rows) > PAGE:
                 self.journal.pack()
-            if (now := self.now) >= until:
+            if now >= until:
                 break
-            task = self.running
             end = now + task.remaining
             if self.every_tick or (time_slicing and len(rings[task.priority]) > 2):  # as in _tick_due
                 due = tick_due = (self.ticks + 1) * tick
@@ -254,8 +254,8 @@ class Core:
         self.switch_wanted = False
         task, before = self.ready.select(), self.running
         if task is not before:
-            if self.costs.switch:
-                self.spend(self.costs.switch, SWITCH_COST)
+            if self.switch_cost:
+                self.spend(self.switch_cost, SWITCH_COST)
             self.log((self.now, SWITCH, task.code, before.code, task.priority, before.state))
             self.running = task
 
@@ -268,8 +268,9 @@ class Core:
             self._leave(task, task.waits_in)
         task.state = READY
         self.ready.insert(task)
-        self.log((self.now, READIED, task.code, -1, task.priority, 0))
-        return task.priority > self.running.priority
+        priority = task.priority
+        self.log((self.now, READIED, task.code, -1, priority, 0))
+        return priority > self.running.priority
 
     def wake(self, waiters: list[Task]) -> bool:
         """Make the first waiter ready; it has to try again itself (rule 9). True if it is above the running task."""
@@ -291,9 +292,10 @@ class Core:
         task.state = BLOCKED
         self.ready.remove(task)
         if until < FOREVER:
-            self._sequence = task.alarm = self._sequence + 1
-            heappush(self.delayed, (until, task.alarm, task))
-            if len(self.delayed) > self._room:
+            self._sequence = task.alarm = alarm = self._sequence + 1
+            delayed = self.delayed
+            heappush(delayed, (until, alarm, task))
+            if len(delayed) > self._room:
                 self._forget_old_alarms()
         self.reschedule()
 

@@ -148,25 +148,32 @@ class ReadyLists:
     the step back; to move the index forward is to rotate by one.
     """
 
-    __slots__ = ("occupied", "rings")
+    __slots__ = ("bits", "occupied", "rings")
 
     def __init__(self, priorities: int):
         self.rings: list[list[Task]] = [[SENTINEL] for _ in range(priorities)]
+        self.bits = [1 << priority for priority in range(priorities)]
         self.occupied = 0  # bit p: there is a task in rings[p]
 
     def insert(self, task: Task) -> None:
-        self.rings[task.priority].insert(-1, task)
-        self.occupied |= 1 << task.priority
+        priority = task.priority
+        self.rings[priority].insert(-1, task)
+        self.occupied |= self.bits[priority]
 
     def remove(self, task: Task) -> None:
         ring = self.rings[task.priority]
-        ring.remove(task)
+        if ring[-1] is task:
+            ring.pop()  # the running one
+        else:
+            ring.remove(task)
         if len(ring) == 1:
-            self.occupied ^= 1 << task.priority
+            self.occupied ^= self.bits[task.priority]
 
     def select(self) -> Task:
         """The next task of the highest priority that has one; there always is one, the idle task."""
         ring = self.rings[self.occupied.bit_length() - 1]
+        if len(ring) == 2 and (task := ring[1]) is not SENTINEL:
+            return task  # once around
         task = ring.pop(0)
         if task is SENTINEL:
             task = ring.pop(0)

@@ -314,7 +314,8 @@ def end_task(k: Core, task: Task) -> None:
 def release(k: Core, task: Task, nominal: int) -> None:
     """A job begins: its response time counts from `nominal`, in cycles, or from now if that is still to come."""
     now, code = k.now, task.code
-    nominal = min(max(nominal, 0), now)
+    if nominal > now or nominal < 0:
+        nominal = min(max(nominal, 0), now)
     task.next_release = -1
     task.released = nominal
     task.job = job = task.job + 1
