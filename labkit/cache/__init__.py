@@ -10,6 +10,7 @@ from labkit.cache.counting import COUNTS, count, count_trace
 from labkit.cache.dma import Dma
 from labkit.cache.folds import MissClasses, counts, miss_classes, references_of, replay, timeline
 from labkit.cache.geometry import DCACHE, ICACHE, Geometry
+from labkit.cache.history import History, history
 from labkit.cache.memory import Attribute, Memory, MpuRegion, Region
 from labkit.cache.records import Access, Operation, Transfer, data_of
 from labkit.cache.references import References, TraceFileError, read_trace
@@ -27,6 +28,7 @@ __all__ = [
     "Coherence",
     "Dma",
     "Geometry",
+    "History",
     "Memory",
     "MissClasses",
     "MpuRegion",
@@ -40,6 +42,7 @@ __all__ = [
     "count_trace",
     "counts",
     "data_of",
+    "history",
     "miss_classes",
     "read_trace",
     "references_of",

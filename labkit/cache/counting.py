@@ -234,6 +234,13 @@ def _loop_by_set(line: np.ndarray, allocates: np.ndarray, geometry: Geometry, ru
     return np.flatnonzero(np.frombuffer(missed, bool)), np.array(resident, dtype=line.dtype)
 
 
+def fully_associative_misses(lines: np.ndarray, capacity: int) -> np.ndarray:
+    """Where an LRU cache of `capacity` lines in a single set misses: bool array, of the shape (n,) of `lines`."""
+    missed = bytearray(len(lines))
+    _lru_set(enumerate(lines.tolist()), None, capacity, missed)
+    return np.frombuffer(missed, bool)
+
+
 def _lru_set(accesses: Iterable[tuple[int, int]], allowed: list[bool] | None, ways: int, missed: bytearray) -> Iterable[int]:
     held: OrderedDict[int, None] = OrderedDict()  # oldest use first
     for i, line in accesses:

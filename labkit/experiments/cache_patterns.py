@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import lru_cache
 from typing import Annotated, Any, ClassVar, Literal, get_args
 
 import numpy as np
@@ -14,17 +12,16 @@ from labkit.cache import (
     DCACHE,
     Cache,
     Geometry,
+    History,
     MissClasses,
     References,
     count,
+    history,
     miss_classes,
     patterns,
-    references_of,
     replay,
     stm32f767,
-    timeline,
 )
-from labkit.cache.records import Access
 from labkit.experiment import Experiment, Feedback, Labels, Metric, View, progress
 from labkit.figures.cache_map import cache_map
 from labkit.figures.curves import Curve, curves
@@ -42,37 +39,7 @@ Policy = Annotated[Literal["lru", "plru", "fifo", "random"], Labels(POLICIES), D
 MOST_STEPS = 1000
 
 
-@lru_cache(maxsize=16)
-def _play(
-    pattern: str, text: str, elements: int, stride: int, rounds: int, edge: int, stores: bool, geometry: Geometry, policy: str
-) -> tuple[Access, ...]:
-    """The records of a pattern in a data cache over the memory of the STM32F767; kept, so that a step costs only its picture."""
-    op = "modify" if stores else "read"
-    match pattern:
-        case "sequential":
-            made = patterns.sequential(elements, op=op, rounds=rounds)
-        case "strided":
-            made = patterns.strided(elements, stride, op=op, rounds=rounds)
-        case "matrix":
-            made = patterns.matrix_product(edge, element=8)
-        case "random":
-            made = patterns.random(elements * rounds, elements * stride, op=op)
-        case _:
-            made = patterns.parse(text)
-    if len(made) > MOST_STEPS:
-        raise ValueError(f"the pattern has {len(made)} accesses; the map steps through {MOST_STEPS} at most")
-    return tuple(replay(made, Cache(stm32f767(), geometry, policy)))
-
-
-@dataclass(frozen=True)
-class Walk:
-    """All records of the pattern, and how many of them have happened at the step shown."""
-
-    records: tuple[Access, ...]
-    step: int
-
-
-class CacheMap(Experiment[Walk]):
+class CacheMap(Experiment[History]):
     """What is in the cache after each access, and why did this one miss?
 
     A pattern of accesses goes through a small data cache with lines of 32 bytes; `step` is how many have happened. Above the map
@@ -80,7 +47,11 @@ class CacheMap(Experiment[Walk]):
     """
 
     step: Annotated[
-        int, Interval(ge=0, le=MOST_STEPS), Unit("accesses"), Doc("how far the pattern has run; arrow keys step one by one")
+        int,
+        Interval(ge=0, le=MOST_STEPS),
+        Unit("accesses"),
+        View(),
+        Doc("how far the pattern has run; arrow keys step one by one"),
     ] = 20
     pattern: Annotated[
         Literal["sequential", "strided", "matrix", "random", "own"],
@@ -113,42 +84,43 @@ class CacheMap(Experiment[Walk]):
         Doc("statements between semicolons: read|write|modify ADDRESS [size N] [times N] [step N], repeat N ... end"),
     ] = "repeat 4; read 0x20020000 times 3 step 128; write 0x20020040; end"
 
-    def run(self) -> Walk:
-        records = _play(
-            self.pattern,
-            self.own if self.pattern == "own" else "",
-            self.elements,
-            self.stride,
-            self.rounds,
-            self.edge,
-            self.stores,
-            Geometry(self.size, self.ways, LINE),
-            self.policy,
-        )
-        return Walk(records, min(self.step, len(records)))
+    def references(self) -> References:
+        """The pattern chosen."""
+        op = "modify" if self.stores else "read"
+        match self.pattern:
+            case "sequential":
+                return patterns.sequential(self.elements, op=op, rounds=self.rounds)
+            case "strided":
+                return patterns.strided(self.elements, self.stride, op=op, rounds=self.rounds)
+            case "matrix":
+                return patterns.matrix_product(self.edge, element=8)
+            case "random":
+                return patterns.random(self.elements * self.rounds, self.elements * self.stride, op=op)
+            case "own":
+                return patterns.parse(self.own)
 
-    def figure(self, result: Walk) -> dict[str, Any]:
-        return cache_map(timeline(result.records), result.step, Geometry(self.size, self.ways, LINE))
+    def run(self) -> History:
+        made, geometry = self.references(), Geometry(self.size, self.ways, LINE)
+        touched = int(((made.address + made.size - 1) // LINE - made.address // LINE + 1).sum())
+        if touched > MOST_STEPS:
+            raise ValueError(f"the pattern has {touched} accesses to a line; the map steps through {MOST_STEPS} at most")
+        return history(replay(made, Cache(stm32f767(), geometry, self.policy)), geometry)
 
-    def metrics(self, result: Walk) -> list[Metric]:
-        done = result.records[: result.step]
-        cached = [r for r in done if not r.bypass]
-        misses = sum(not r.hit for r in cached)
-        why = miss_classes(sum(r.filled for r in cached), references_of(done), Geometry(self.size, self.ways, LINE))
-        rest = [
-            Metric(name, value, "misses", note=note)
-            for name, value, note in (
-                ("compulsory", why.compulsory, "the first touch of a line"),
-                ("capacity", why.capacity, "what a cache of this size with a single set (LRU) misses as well"),
-                ("conflict", why.conflict, "the rest; below 0 where the single set does worse"),
-            )
-        ]
+    def figure(self, result: History) -> dict[str, Any]:
+        return cache_map(result, min(self.step, len(result)))
+
+    def metrics(self, result: History) -> list[Metric]:
+        step = min(self.step, len(result))
+        accesses, misses, written_back = (int(result.totals[name][step]) for name in ("accesses", "misses", "write_backs"))
+        why = result.miss_classes(step)
         return [
-            Metric("step", result.step, f"of {len(result.records)}"),
-            Metric("misses so far", misses, f"of {len(cached)}"),
-            Metric("miss rate so far", 100 * misses / len(cached) if cached else None, "%"),
-            *rest,
-            Metric("written back", sum(r.written_back for r in done), "lines"),
+            Metric("step", step, f"of {len(result)}"),
+            Metric("misses so far", misses, f"of {accesses}"),
+            Metric("miss rate so far", 100 * misses / accesses if accesses else None, "%"),
+            Metric("compulsory", why.compulsory, "misses", note="the first touch of a line"),
+            Metric("capacity", why.capacity, "misses", note="what a cache of this size with a single set (LRU) misses as well"),
+            Metric("conflict", why.conflict, "misses", note="the rest; below 0 where the single set does worse"),
+            Metric("written back", written_back, "lines"),
         ]
 
 

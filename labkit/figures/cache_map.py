@@ -6,26 +6,13 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from labkit.cache.geometry import Geometry
+from labkit.cache import History
 from labkit.figures.panel import Panel, stack
 from labkit.figures.style import BLUE, FONT, GREEN, GREY, INK, PALE, VERMILION, Spec, axis, key
 
 EMPTY, CLEAN, DIRTY = "#f3f5f7", "#BFDDF0", "#F3C969"
 STATES = {"empty": EMPTY, "held": CLEAN, "held and dirty": DIRTY}
 MOST_LABELS = 16  # sets up to which a cell has room for its address
-
-
-def contents(timeline: Mapping[str, np.ndarray], step: int, geometry: Geometry) -> tuple[np.ndarray, np.ndarray]:
-    """Line address (-1: empty) and dirtiness (0 or 1) of each (way, set) after the first `step` records of a write-back cache."""
-    shape = (geometry.ways, geometry.sets)
-    line, filled, stored = np.full(shape, -1, np.int64), np.full(shape, -1), np.full(shape, -1)
-    at = np.flatnonzero(timeline["way"][:step] >= 0)
-    way, index = timeline["way"][at], timeline["set"][at]
-    line[way, index] = timeline["line"][at]  # of several records of one cell the last one stays
-    fills, stores = timeline["filled"][at], (timeline["op"][at] != "read") & ~timeline["to_memory"][at]
-    filled[way[fills], index[fills]] = at[fills]
-    stored[way[stores], index[stores]] = at[stores]
-    return line, ((line >= 0) & (stored >= filled)).astype(int)
 
 
 def sentence(timeline: Mapping[str, np.ndarray], step: int) -> str:
@@ -56,16 +43,17 @@ KINDS = {
 }
 
 
-def cache_map(timeline: Mapping[str, np.ndarray], step: int, geometry: Geometry, height: int = 580) -> Spec:
-    """The map after `step` records of `timeline` (a fold of `labkit.cache`), and below every access, done and still to come."""
+def cache_map(history: History, step: int, height: int = 580) -> Spec:
+    """The map after `step` accesses of a history, and below every access, done and still to come."""
     square: Spec = {"symbol": "square", "size": 14, "line": {"width": 1, "color": GREY}}
     markers = {state: square | {"color": colour} for state, colour in STATES.items()} | {kind: _mark(kind) for kind in KINDS}
     keys = [key(name, type="scatter", mode="markers", marker=marker) for name, marker in markers.items()]
-    return stack(_map(timeline, step, geometry), _accesses(timeline, step), height=height, keys=keys)
+    return stack(_map(history, step), _accesses(history.columns, step), height=height, keys=keys)
 
 
-def _map(timeline: Mapping[str, np.ndarray], step: int, geometry: Geometry) -> Panel:
-    line, dirty = contents(timeline, step, geometry)
+def _map(history: History, step: int) -> Panel:
+    geometry, timeline = history.geometry, history.columns
+    line, dirty = history.contents(step)
     state = np.where(line < 0, 0, 1 + dirty)
     labels = [[f"{value & 0xFFFF:04x}" if value >= 0 else "" for value in row] for row in line.tolist()]
     words, named = list(STATES), geometry.sets <= MOST_LABELS
