@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import IO, Annotated, Any
 
@@ -146,6 +146,10 @@ def schedule_rows(trace: Trace) -> list[tuple[str, int, str, str, int, int]]:
     `ep` after an abort; `abort` of part `mp`; `miss` of the part that was late. Of one instant: complete, abort, miss, release,
     run.
     """
+    return list(_in_order(trace))
+
+
+def _in_order(trace: Trace) -> Iterator[tuple[str, int, str, str, int, int]]:
     owner, exception = owners(trace)
     ends, releases, table, ran = trace.rows("complete", "abort"), trace.rows("release"), jobs(trace), slices(trace)
     late = table.missed
@@ -160,11 +164,10 @@ def schedule_rows(trace: Trace) -> list[tuple[str, int, str, str, int, int]]:
             _rows(ran.start, 3, 0, ran.task, ran.part, ran.job, RUN, ran.end),
         ]
     )
-    rows = rows[np.lexsort(rows[:, 5::-1].T)]
-    return [
-        (trace.names[task], job, PARTS[part], EVENTS[event], start, end)
-        for start, _, _, task, part, job, event, end in rows.tolist()
-    ]
+    order = np.lexsort(rows[:, 5::-1].T)
+    for some in np.array_split(order, len(order) // 100_000 + 1):  # as Python objects, rows take ten times the memory
+        for start, _, _, task, part, job, event, end in rows[some].tolist():
+            yield trace.names[task], job, PARTS[part], EVENTS[event], start, end
 
 
 def _rows(*columns: np.ndarray | int) -> np.ndarray:
@@ -175,7 +178,7 @@ def write_schedule(trace: Trace, file: IO[str]) -> None:
     """Write `schedule_rows` as CSV with a header; `file` is open for text with newline=""."""
     writer = csv.writer(file, lineterminator="\n")
     writer.writerow(ROW)
-    writer.writerows(schedule_rows(trace))
+    writer.writerows(_in_order(trace))
 
 
 def read_schedule(file: IO[str]) -> list[Sequence[Any]]:
