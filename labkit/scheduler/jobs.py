@@ -132,37 +132,50 @@ def trace_of(
     """
     tasks = len(names)
     names = (*names, *(name + EP for name in names if exceptions))
-    parts = []  # (time, order within the instant, kind, task, other, value, extra)
-
-    def add(at: np.ndarray, order: int | np.ndarray, kind: str, task: np.ndarray, other, value, extra) -> None:
-        parts.append(np.stack(np.broadcast_arrays(at, order, CODE[kind], task, other, value, extra)).astype(np.int64))
+    blocks: list[Rows] = []
 
     def add_ends(when: np.ndarray, order: int | np.ndarray, kind: str, task: np.ndarray) -> None:
         here = (when >= 0) & (when <= until)
         order = np.broadcast_to(order, when.shape)[here]
-        add(when[here], order, kind, task[here], -1, jobs.deadline[here], jobs.number[here])
+        blocks.append((when[here], order, CODE[kind], task[here], -1, jobs.deadline[here], jobs.number[here]))
 
     exception = jobs.task + tasks
     fallen = outcome.aborted >= 0
     add_ends(outcome.completed, 0, "complete", jobs.task)
     add_ends(outcome.aborted, 1, "abort", jobs.task)
     add_ends(outcome.recovered, np.where(outcome.recovered > outcome.aborted, 0, 2), "complete", exception)
-    add(jobs.release, 4, "release", jobs.task, -1, jobs.release, jobs.number)
-    add(jobs.release, 4, "deadline", jobs.task, -1, jobs.deadline, jobs.number)
-    add(jobs.release, 5, "ready", jobs.task, -1, 0, -1)
+    blocks.append((jobs.release, 4, CODE["release"], jobs.task, -1, jobs.release, jobs.number))
+    blocks.append((jobs.release, 4, CODE["deadline"], jobs.task, -1, jobs.deadline, jobs.number))
+    blocks.append((jobs.release, 5, CODE["ready"], jobs.task, -1, 0, -1))
     waits = fallen & (outcome.recovered != outcome.aborted) & (outcome.aborted < until)
-    add(outcome.aborted[waits], 5, "ready", exception[waits], -1, 0, -1)
+    blocks.append((outcome.aborted[waits], 5, CODE["ready"], exception[waits], -1, 0, -1))
     time, task, value, other, state = _switches(jobs, outcome, priority, tasks, until)
-    add(time, 6, "switch", task, other, value, state)
-
-    table = np.concatenate(parts, axis=1)
-    if until < 1 << 40 and len(names) < 1 << 16:  # one key is sorted in a third of the time of three
-        order = np.argsort((table[0] * 8 + table[1]) * len(names) + table[3], kind="stable")
-    else:
-        order = np.lexsort((table[3], table[1], table[0]))
-    columns = np.ascontiguousarray(table[[0, 2, 3, 4, 5, 6]][:, order])
+    blocks.append((time, 6, CODE["switch"], task, other, value, state))
+    columns = _in_order(blocks, until, len(names))
     of = (*(-1 for _ in range(tasks)), *range(tasks)) if exceptions else ()
     return Trace.from_columns(columns, names, hz, end=until, exception_of=of)
+
+
+#: Rows of one kind: time, order within the instant, kind, task, other, value, extra; a number stands for all of them.
+Rows = tuple[np.ndarray, int | np.ndarray, int, np.ndarray, int | np.ndarray, int | np.ndarray, int | np.ndarray]
+
+
+def _in_order(blocks: Sequence[Rows], until: int, names: int) -> np.ndarray:
+    """The columns of a trace, int64 array of shape (6, n): all rows by time, order within the instant, task and block."""
+    ends = np.cumsum([len(block[0]) for block in blocks]).tolist()
+    table = np.empty((7, ends[-1]), np.int64)
+    for block, begin, end in zip(blocks, [0, *ends], ends):
+        for column, values in zip(table, block, strict=True):
+            column[begin:end] = values
+    time, within, kind, task, *rest = table
+    if until < 1 << 40 and names < 1 << 16:  # one key is sorted in a third of the time of three
+        order = np.argsort((time * 8 + within) * names + task, kind="stable")
+    else:
+        order = np.lexsort((task, within, time))
+    columns = np.empty((6, ends[-1]), np.int64)
+    for column, values in zip(columns, (time, kind, task, *rest), strict=True):
+        np.take(values, order, out=column, mode="clip")
+    return columns
 
 
 def _switches(jobs: Releases, outcome: Outcome, priority: np.ndarray, tasks: int, until: int) -> tuple[np.ndarray, ...]:

@@ -34,6 +34,7 @@ from __future__ import annotations
 from bisect import bisect_left
 from collections.abc import Sequence
 from heapq import heapify, heappop, heappush
+from math import lcm
 
 import numpy as np
 
@@ -226,6 +227,10 @@ class _Run:
 def _plan(pairs: Sequence[TaskPair], jobs: Releases, until: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """The plan of rule 1 as if no job ever completed, int64 arrays.
 
+    From the last offset on it repeats after the least common multiple of the periods: a shift by that moves every job due after
+    an instant onto another one, and the plan before an instant follows from these alone. Where it repeats often, one round is
+    planned and copied.
+
     Returns:
         start, end and job of the slots in order of time, len(jobs) standing for every job that is released later; and the start
         of the first slot of each job (anything for an empty exception part).
@@ -233,8 +238,33 @@ def _plan(pairs: Sequence[TaskPair], jobs: Releases, until: int) -> tuple[np.nda
     ep = np.array([pair.ep_wcet for pair in pairs])
     if not ep.any():
         return *np.empty((3, 0), np.int64), jobs.deadline.copy()
+    begun, cycle = max(pair.offset for pair in pairs), 1
+    for pair in pairs:
+        cycle = min(lcm(cycle, pair.period), until)
+    slots, settled = _endless_slots(pairs, ep, min(until, begun + cycle), len(jobs))
+    if settled and begun + 2 * cycle < until:
+        slots = _repeated(pairs, slots, begun, cycle, until)
+    elif begun + cycle < until:
+        slots, _ = _endless_slots(pairs, ep, until, len(jobs))
+    start, end, task, number = slots
+    shape = len(pairs), int(max(number.max(initial=0), jobs.number.max(initial=0))) + 1
+    first, rank = np.full(shape, NEVER), np.full(shape, len(jobs))
+    np.minimum.at(first, (task, number), start)
+    rank[jobs.task, jobs.number] = np.arange(len(jobs))
+    return start, end, rank[task, number], first[jobs.task, jobs.number]
+
+
+Slots = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]  # start, end, task, number of the job
+
+
+def _endless_slots(pairs: Sequence[TaskPair], ep: np.ndarray, until: int, jobs: int) -> tuple[Slots, bool]:
+    """The slots of the endless plan before `until`, in order of time, and some after it; see the text of the module.
+
+    With False they are those of the pressed plan.
+    """
     lookahead, load = 4 * int(ep.sum()), sum(pair.ep_wcet / pair.period for pair in pairs)
-    while True:
+    settled = False
+    while not settled:
         horizon = until + lookahead
         ahead = release_jobs(pairs, horizon, {})
         ahead = ahead.ordered(np.lexsort((-ahead.task, -ahead.release)))  # by urgency on the reversed axis
@@ -244,14 +274,24 @@ def _plan(pairs: Sequence[TaskPair], jobs: Releases, until: int) -> tuple[np.nda
         who, start, end = dispatch((-due[arrivals]).tolist(), arrivals.tolist(), ep[ahead.task].tolist(), NEVER)
         before = np.append(-horizon, end[:-1])
         rests = -before[before < start]  # gaps in the plan, by their end in forward time
-        if not len(who) or (len(rests) and rests[0] > until):
-            break
+        settled = not len(who) or bool(len(rests) and rests[0] > until)
         lookahead *= 4
-        if load >= 1 or sum(lookahead // pair.period for pair in pairs) > 500_000 + 4 * len(jobs):
+        if load >= 1 or sum(lookahead // pair.period for pair in pairs) > 500_000 + 4 * jobs:
             break
-    task, number = ahead.task[who], ahead.number[who]
-    shape = len(pairs), int(ahead.number.max(initial=0)) + 1
-    first, rank = np.zeros(shape, np.int64), np.full(shape, len(jobs))
-    first[task, number] = -end  # of repeated indices the last one counts, in forward time the first
-    rank[jobs.task, jobs.number] = np.arange(len(jobs))
-    return -end[::-1], -start[::-1], rank[task, number][::-1], first[jobs.task, jobs.number]
+    return (-end[::-1], -start[::-1], ahead.task[who][::-1], ahead.number[who][::-1]), settled
+
+
+def _repeated(pairs: Sequence[TaskPair], slots: Slots, begun: int, cycle: int, until: int) -> Slots:
+    """Slots that are right before `begun + cycle`, with the round from `begun` on copied until two rounds after `until`."""
+    start, end, task, number = slots
+    opening, one = start < begun, (end > begun) & (start < begun + cycle)
+    more = np.array([cycle // pair.period for pair in pairs])[task[one]]  # jobs of the task in a round
+    rounds = np.arange((until - begun) // cycle + 3)[:, None]
+    columns = (
+        (start[opening], np.maximum(start[one], begun) + cycle * rounds),
+        (np.minimum(end[opening], begun), np.minimum(end[one], begun + cycle) + cycle * rounds),
+        (task[opening], task[one] + 0 * rounds),
+        (number[opening], number[one] + more * rounds),
+    )
+    start, end, task, number = (np.append(before, copies) for before, copies in columns)
+    return start, end, task, number

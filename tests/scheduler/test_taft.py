@@ -8,8 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from labkit.scheduler import taft
 from labkit.scheduler.analysis import taft_demand_test, taft_plan_test, taft_test, taft_utilization
-from labkit.scheduler.jobs import EP
+from labkit.scheduler.jobs import EP, release_jobs
 from labkit.scheduler.periodic import simulate
 from labkit.scheduler.tasksets import TaskPair
 from labkit.trace import jobs as jobs_of
@@ -100,17 +101,17 @@ def by_the_rules(pair_list, until, times):
     """TAFT by its six rules, deciding anew in every unit; returns (runs per unit, events) to compare with the engine's."""
     far = until + 40
     jobs = [
-        dict(
-            task=i,
-            job=k,
-            release=r,
-            due=r + p.deadline,
-            had=0,
-            need=times[i][min(k, len(times[i]) - 1)],
-            ecet=p.ecet,
-            ep=p.ep_wcet,
-            state="mp",
-        )
+        {
+            "task": i,
+            "job": k,
+            "release": r,
+            "due": r + p.deadline,
+            "had": 0,
+            "need": times[i][min(k, len(times[i]) - 1)],
+            "ecet": p.ecet,
+            "ep": p.ep_wcet,
+            "state": "mp",
+        }
         for i, p in enumerate(pair_list)
         for k, r in enumerate(range(p.offset, far, p.period))
     ]
@@ -204,6 +205,34 @@ def test_the_engine_does_what_the_rules_say_unit_by_unit(drawn, until):
         return
     trace = simulate(pair_list, "taft", until, {p.name: t for p, t in zip(pair_list, times, strict=True)})
     assert as_units(trace, until) == by_the_rules(pair_list, until, times)
+
+
+@settings(max_examples=150, deadline=None)
+@given(small_sets(), st.integers(100, 900))
+def test_a_plan_of_copied_rounds_is_the_plan(drawn, until):
+    """The plan is the same, instant by instant, as the one built for all of the time at once."""
+    pair_list = pairs(*drawn[0])
+    ep = np.array([p.ep_wcet for p in pair_list])
+    jobs = release_jobs(pair_list, until, {})
+    direct, settled = taft._endless_slots(pair_list, ep, until, len(jobs))
+    start, end, rank, first = taft._plan(pair_list, jobs, until)
+    if not ep.any() or not settled:
+        return
+
+    def by_instant(start, end, task, number):
+        owner = [None] * until
+        for begin, stop, *who in zip(*(column.tolist() for column in (start, end, task, number))):
+            assert begin < stop and owner[max(begin, 0) : stop] == [None] * (min(stop, until) - min(max(begin, 0), until))
+            owner[max(begin, 0) : min(stop, until)] = [who] * (min(stop, until) - min(max(begin, 0), until))
+        return owner
+
+    known = rank < len(jobs)
+    copied = by_instant(start[known], end[known], jobs.task[rank[known]], jobs.number[rank[known]])
+    mine = np.array([k < (jobs.task == t).sum() for t, k in zip(direct[2], direct[3])], dtype=bool)
+    assert copied == by_instant(*(column[mine] for column in direct))
+    for place in np.flatnonzero(ep[jobs.task] > 0).tolist():
+        slots = start[rank == place]
+        assert first[place] == slots.min()
 
 
 # ---------------------------------------------------------------- what is promised of accepted sets, on random ones
