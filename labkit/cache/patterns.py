@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
+
 import numpy as np
 
 from labkit.cache.references import LOAD, OPS, STORE, References
 
 BASE = 0x2002_0000  # the start of SRAM1, the first cacheable RAM of the STM32F767
 MOST_REFERENCES = 2_000_000
+LONGEST = 65_536  # bytes of one reference
+ADDRESSES = 2**32
 ORDERS = ("ijk", "ikj", "jik", "jki", "kij", "kji")
 
 
@@ -35,6 +39,7 @@ def strided(count: int, stride: int, *, start: int = BASE, size: int = 4, op: st
     """`count` elements of `size` bytes, `stride` bytes apart, `rounds` times."""
     _positive(count=count, stride=stride, size=size, rounds=rounds)
     _limit(count * rounds)
+    _within(start, start + (count - 1) * stride, size)
     return _references(_op(op), start + np.tile(np.arange(count, dtype=np.int64) * stride, rounds), size)
 
 
@@ -44,6 +49,7 @@ def random(count: int, span: int, *, start: int = BASE, size: int = 4, op: str =
     _limit(count)
     if span < size:
         raise ValueError(f"span is {span} bytes; at least one element of {size} bytes must fit")
+    _within(start, start + span - size, size)
     return _references(_op(op), start + np.random.default_rng(seed).integers(span // size, size=count) * size, size)
 
 
@@ -70,6 +76,7 @@ def matrix_product(
     if tile is not None and (tile < 1 or n % tile):
         raise ValueError(f"tile is {tile}; it must be at least 1 and divide n, which is {n}")
     _limit(4 * n**3)
+    _within(start, start + (3 * n * n - 1) * element, element)
     edge = tile or n
     grid = np.indices((n // edge,) * 3 + (edge,) * 3).reshape(6, -1)
     loops = dict(zip(order, grid[:3] * edge + grid[3:]))
@@ -96,7 +103,7 @@ def parse(text: str) -> References:
     Raises:
         ValueError: one sentence with the line, what is wrong there, and what is allowed.
     """
-    stack: list[tuple[int, int, list[tuple[int, int, int]]]] = [(0, 1, [])]  # (line, times, references)
+    stack = [_Block(0, 1)]
     lines = enumerate(text.splitlines(), 1)
     statements = [(number, part.split()) for number, line in lines for part in line.split("#")[0].split(";")]
     for number, words in statements:
@@ -104,55 +111,68 @@ def parse(text: str) -> References:
             continue
         command, *rest = words
         if command in OPS:
-            rows = _statement(number, command, rest)
+            stack[-1].add(_statement(number, command, rest), number)
         elif command == "repeat":
             if len(rest) != 1:
                 raise ValueError(f"line {number}: repeat needs one number, as in 'repeat 3'")
-            stack.append((number, _number(number, "repeat", rest[0], 1), []))
-            continue
+            stack.append(_Block(number, _number(number, "repeat", rest[0], 1)))
         elif command == "end":
             if rest:
                 raise ValueError(f"line {number}: '{rest[0]}' after end; end stands alone")
             if len(stack) == 1:
                 raise ValueError(f"line {number}: end without a repeat before it")
-            _, times, inner = stack.pop()
-            _limit(len(inner) * times, f"line {number}: ")
-            rows = inner * times
+            inner = stack.pop()
+            _limit(inner.count * inner.times, f"line {number}: ")
+            if inner.count:
+                stack[-1].add(np.tile(np.concatenate(inner.pieces), (inner.times, 1)), number)
         else:
             raise ValueError(f"line {number}: {command!r} is no command; there are {', '.join([*OPS, 'repeat', 'end'])}")
-        _limit(len(stack[-1][2]) + len(rows), f"line {number}: ")
-        stack[-1][2].extend(rows)
     if len(stack) > 1:
-        raise ValueError(f"line {stack[-1][0]}: repeat without an end")
-    if not stack[0][2]:
+        raise ValueError(f"line {stack[-1].line}: repeat without an end")
+    if not stack[0].count:
         raise ValueError("the pattern has no references; write for example 'read 0x20020000 times 64 step 4'")
-    table = np.array(stack[0][2], dtype=np.int64)
+    table = np.concatenate(stack[0].pieces)
     return References(table[:, 0].astype(np.uint8), table[:, 1], table[:, 2])
 
 
-def _statement(line: int, command: str, words: list[str]) -> list[tuple[int, int, int]]:
-    """The references of `read|write|modify ADDRESS [size N] [times N] [step N]`."""
+@dataclass
+class _Block:
+    """What stands between `repeat` and `end`, or the whole text: references as rows (op, address, size), int64, in pieces."""
+
+    line: int
+    times: int
+    pieces: list[np.ndarray] = field(default_factory=list)
+    count: int = 0
+
+    def add(self, rows: np.ndarray, line: int) -> None:
+        self.count += len(rows)
+        _limit(self.count, f"line {line}: ")
+        self.pieces.append(rows)
+
+
+def _statement(line: int, command: str, words: list[str]) -> np.ndarray:
+    """The references of `read|write|modify ADDRESS [size N] [times N] [step N]`, one row (op, address, size) each."""
     if not words:
         raise ValueError(f"line {line}: {command} needs an address, as in '{command} 0x20020000'")
     address = _number(line, "address", words[0], 0)
-    values = {"size": 4, "times": 1, "step": None}
-    given = words[1:]
-    for name, value in zip(given[::2], [*given[1::2], None]):
-        if name not in values:
-            raise ValueError(f"line {line}: {name!r} is no option of {command}; there are {', '.join(values)}")
-        if value is None:
+    values = {"size": 4, "times": 1}
+    options, given = ("size", "times", "step"), words[1:]
+    for n, name in enumerate(given[::2]):
+        if name not in options:
+            raise ValueError(f"line {line}: {name!r} is no option of {command}; there are {', '.join(options)}")
+        if 2 * n + 1 == len(given):
             raise ValueError(f"line {line}: {name} needs a number after it")
-        values[name] = _number(line, name, value, None if name == "step" else 1)
-    size, times, step = values["size"], values["times"], values["step"]
-    step = size if step is None else step
+        values[name] = _number(line, name, given[2 * n + 1], None if name == "step" else 1)
+    size, times, step = values["size"], values["times"], values.get("step", values["size"])
     _limit(times, f"line {line}: ")
     last = address + (times - 1) * step
-    if not 0 <= last < 2**32 or size > 2**16:
+    if not 0 <= last < ADDRESSES or size > LONGEST:
         raise ValueError(
             f"line {line}: {times} times step {step} from {address:#x} with size {size}; "
-            "addresses must stay within 32 bits and a size within 65536 bytes"
+            f"addresses must stay within 32 bits and a size within {LONGEST} bytes"
         )
-    return [(OPS[command], address + n * step, size) for n in range(times)]
+    addresses = address + step * np.arange(times, dtype=np.int64)
+    return np.column_stack([np.full(times, OPS[command]), addresses, np.full(times, size)])
 
 
 def _number(line: int, name: str, word: str, lowest: int | None) -> int:
@@ -170,6 +190,14 @@ def _op(name: str) -> int:
     if name not in OPS:
         raise ValueError(f"no operation {name!r}; there are {', '.join(OPS)}")
     return OPS[name]
+
+
+def _within(first: int, last: int, size: int) -> None:
+    """ValueError unless elements of `size` bytes at `first`, `last` and between lie in the address space."""
+    if first < 0 or last + size > ADDRESSES:
+        raise ValueError(f"elements of {size} bytes from {first:#x} to {last:#x}; addresses must stay within 32 bits")
+    if size > LONGEST:
+        raise ValueError(f"elements of {size} bytes; an element has {LONGEST} at most")
 
 
 def _limit(n: int, where: str = "") -> None:

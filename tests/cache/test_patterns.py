@@ -98,6 +98,14 @@ def test_a_typo_in_a_pattern_is_named_with_its_line(text, says):
     assert str(error.value) == says
 
 
+def test_the_largest_patterns_are_made_and_the_next_one_is_refused_at_once():
+    assert len(patterns.parse("repeat 2000; repeat 100; read 0 times 10; end; end")) == 2_000_000
+    many = "\n".join(["read 0"] * 20_000)
+    assert len(patterns.parse(many)) == 20_000
+    with pytest.raises(ValueError, match="line 1: 2000010 references; a pattern may have 2000000 at most"):
+        patterns.parse("read 0 times 10; repeat 2000; repeat 100; read 0 times 10; end; end")
+
+
 WORDS = ["read", "write", "repeat", "end", "times", "step", "size", "0x20", "3", "-1", ";", "\n", "#", "9" * 5000, "é"]
 
 
@@ -118,6 +126,14 @@ def test_any_text_is_a_pattern_or_one_sentence(text):
         (lambda: patterns.strided(4, 0), "stride is 0; it must be at least 1"),
         (lambda: patterns.strided(4, 4, op="raed"), "no operation 'raed'; there are write, read, modify"),
         (lambda: patterns.random(4, 2), "span is 2 bytes; at least one element of 4 bytes must fit"),
+        (
+            lambda: patterns.strided(4, 1 << 40),
+            "elements of 4 bytes from 0x20020000 to 0x30020020000; addresses must stay within",
+        ),
+        (lambda: patterns.random(4, 1 << 70), "elements of 4 bytes from 0x20020000 to"),
+        (lambda: patterns.sequential(4, start=-4), "elements of 4 bytes from -0x4 to 0x8; addresses must stay within 32 bits"),
+        (lambda: patterns.sequential(1, size=1 << 17), "elements of 131072 bytes; an element has 65536 at most"),
+        (lambda: patterns.matrix_product(2, element=1 << 40), "elements of 1099511627776 bytes from 0x20020000"),
         (lambda: patterns.sequential(1 << 40), "1099511627776 references; a pattern may have 2000000 at most"),
         (lambda: patterns.matrix_product(4, order="iij"), "no loop order 'iij'; there are ijk, ikj, jik, jki, kij, kji"),
         (lambda: patterns.matrix_product(4, tile=3), "tile is 3; it must be at least 1 and divide n, which is 4"),
