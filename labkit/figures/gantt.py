@@ -35,6 +35,9 @@ BAR, THIN, STRIP = 0.6, 0.11, 0.36  # heights, in rows: a run, readiness, the st
 MOST = 2000  # marks in one Gantt; with more of them plotly needs longer than a picture may take
 COLUMNS = 700  # of the busy share: one for about two pixels
 
+#: Columns of each kind of interval or event, for where there is none.
+WIDTHS = {"runs": 5, "ready": 3, "waits": 4, "holds": 4, "release": 3, "deadline": 3}
+
 Table = np.ndarray  # int64, shape (n, m): the task's index first; of an interval start and end last
 
 
@@ -60,17 +63,19 @@ class _View:
     def height(self, task: Table) -> np.ndarray:
         return -self.pitch * self.row(task)
 
-    def intervals(self, table: np.ndarray) -> np.ndarray:
-        """Those in the window and in a row. Runs are in order and apart, so they are found without looking at all of them."""
-        first = int(np.searchsorted(table[:, -1], self.low, side="right")) if table is self.history.runs else 0
-        some = table[first : int(np.searchsorted(table[:, -2], self.high))]
+    def intervals(self, table: Table) -> Table:
+        """Those in the window and in a row, of a table in order of starts."""
+        some = table[: int(np.searchsorted(table[:, -2], self.high))]
         return some[np.isin(some[:, 0], list(self.rows)) & (some[:, -1] > self.low)]
 
-    def events(self, time: np.ndarray, happened: np.ndarray | bool = True) -> np.ndarray:
-        """Columns (task, job, time) of what happened to jobs in the window and in a row; a time of -1 is never."""
-        made = self.history.jobs
-        some = (time >= max(self.low, 0)) & (time <= self.high) & np.isin(made.task, list(self.rows)) & happened
-        return np.stack([made.task[some], made.job[some], time[some]], axis=1)
+    def events(self, table: Table) -> Table:
+        """Those in the window and in a row."""
+        time = table[:, -1]
+        return table[(time >= self.low) & (time <= self.high) & np.isin(table[:, 0], list(self.rows))]
+
+    def slices(self, table: Table) -> Table:
+        """Like `intervals`, of slices that do not overlap: found without a look at all of them."""
+        return self.intervals(table[int(np.searchsorted(table[:, -1], self.low, side="right")) :])
 
 
 def gantt(
@@ -130,14 +135,12 @@ def gantt(
 
 
 def _traces(view: _View, tasks: Sequence[str], locks: Sequence[str], pairs: bool) -> list[Spec]:
-    paint, found = list(colours(tasks).values()), _found(view)
-    dense = sum(map(len, found.values())) > MOST
-    if dense:
-        found = {name: _thinned(view, table, name in ("abort", "miss")) for name, table in found.items()}
+    paint, exact = list(colours(tasks).values()), _exact(view)
+    found = _crowded(view) if exact is None else exact
     waits, runs = found["waits"], found["runs"]
     names = np.array([*view.history.trace.names, "a notification"], dtype=object)
-    drawn = [_share(view, name, i, paint[i], dense) for i, name in enumerate(tasks)]
-    drawn.append(_bars(view, found["ready"], THIN, READY, "ready, not running"))
+    drawn = _shares(view, tasks, paint, dense=exact is None)
+    drawn.append(_bars(view, found["ready"], THIN, READY, "ready"))
     drawn.append(_bars(view, waits, BAR, WAITS, "waits for %{customdata}", names[waits[:, 1]].tolist()))
     drawn.append(_runs(view, runs, MAIN, paint, ""))
     if pairs:
@@ -151,51 +154,60 @@ def _traces(view: _View, tasks: Sequence[str], locks: Sequence[str], pairs: bool
     return [*drawn, _marks(view, found["miss"], MISS, "deadline missed")]
 
 
-def _found(view: _View) -> dict[str, Table]:
-    """What there is to draw in the window; where the runs alone are too many, only these and what goes wrong."""
+def _exact(view: _View) -> dict[str, Table] | None:
+    """All there is to draw in the window, by name; None if that is more than `MOST` marks."""
     history = view.history
-    runs, jobs = view.intervals(history.runs), history.jobs
-    few = len(runs) <= MOST // 2
+    if history.occupancy.count(view.low, view.high) > MOST // 4:  # a job makes four marks or so: the rest need not be looked for
+        return None
+    part = history.part(view.rows, view.low, view.high)
     found = {
-        "runs": runs,
-        "abort": view.events(jobs.abort),
-        "miss": view.events(np.where(jobs.missed, jobs.deadline, -1)),
-        "release": view.events(jobs.release),
-        "deadline": view.events(jobs.deadline),
+        "runs": view.slices(part.runs),
+        "ready": view.intervals(part.ready),
+        "waits": view.intervals(part.waits),
+        "holds": view.intervals(history.holds),
+        "release": view.events(history.releases),
+        "deadline": view.events(history.deadlines),
+        "abort": view.events(history.aborts),
+        "miss": view.events(history.misses),
     }
-    for name, width in (("ready", 3), ("waits", 4), ("holds", 4)):
-        found[name] = view.intervals(getattr(history, name)) if few else np.empty((0, width), np.int64)
+    return found if sum(map(len, found.values())) <= MOST else None
+
+
+def _crowded(view: _View) -> dict[str, Table]:
+    """What is drawn beside curves: what went wrong, of each task once per column, of as many columns as there may be marks."""
+    columns = MOST // (2 * max(len(view.rows), 1))
+    width = max(view.high - view.low, 1)
+    found = {name: np.empty((0, n), np.int64) for name, n in WIDTHS.items()}
+    for name, events in (("abort", view.events(view.history.aborts)), ("miss", view.events(view.history.misses))):
+        at = (events[:, -1] - view.low) * columns // width
+        _, first = np.unique(events[:, 0] * (columns + 1) + at, return_index=True)
+        found[name] = events[first]
     return found
 
 
-def _thinned(view: _View, table: Table, kept: bool) -> Table:
-    """Of each task one event per column of the picture, as many columns as there may be; nothing where a curve says it."""
-    columns = MOST // (2 * max(len(view.rows), 1))
-    at = (table[:, -1] - view.low) * columns // max(view.high - view.low, 1)
-    _, first = np.unique(table[:, 0] * (columns + 1) + at, return_index=True)
-    return table[first] if kept else table[:0]
-
-
-def _share(view: _View, name: str, row: int, colour: str, dense: bool) -> Spec:
-    """The share of the time that a task runs, as a curve filled down to the foot of its row."""
-    names = view.history.trace.names
-    x, y = np.empty(0), np.empty(0)
-    if dense and name in names:
-        edges = np.linspace(view.low, view.high, COLUMNS + 1)
-        share = view.history.share(names.index(name), edges)
-        x = view.ms(np.repeat(edges, 2))
-        y = -view.pitch * row - BAR / 2 + BAR * np.concatenate([[0], np.repeat(share, 2), [0]])
-    return {
-        "type": "scatter",
-        "mode": "lines",
-        "x": x,
-        "y": y,
-        "fill": "toself",
-        "fillcolor": colour,
-        "line": {"width": 0},
-        "showlegend": False,
-        "hoverinfo": "skip",
-    }
+def _shares(view: _View, tasks: Sequence[str], paint: Sequence[str], dense: bool) -> list[Spec]:
+    """The share of the time that each task runs, as a curve filled down to the foot of its row; empty where bars are drawn."""
+    edges = np.linspace(view.low, view.high, COLUMNS + 1)
+    shares = view.history.occupancy.shares(edges) if dense else np.empty((0, 0))
+    row_of = {row: task for task, row in view.rows.items()}
+    drawn = []
+    for row in range(len(tasks)):
+        known = dense and row in row_of
+        curve = np.concatenate([[0], np.repeat(shares[row_of[row]], 2), [0]]) if known else np.empty(0)
+        drawn.append(
+            {
+                "type": "scatter",
+                "mode": "lines",
+                "x": view.ms(np.repeat(edges, 2)) if known else np.empty(0),
+                "y": -view.pitch * row - BAR / 2 + BAR * curve,
+                "fill": "toself",
+                "fillcolor": paint[row],
+                "line": {"width": 0},
+                "showlegend": False,
+                "hoverinfo": "skip",
+            }
+        )
+    return drawn
 
 
 def _bars(view: _View, table: Table, width: float, marker: Spec, words: str, told: Any = None, below: float = 0.0) -> Spec:
@@ -220,7 +232,8 @@ def _runs(view: _View, runs: Table, kind: int, paint: Sequence[str], words: str,
     runs, n = runs[runs[:, 1] == kind], len(paint)
     scale = [[edge / n, colour] for i, colour in enumerate(paint) for edge in (i, i + 1)]
     made = {"color": view.row(runs[:, 0]), "colorscale": scale, "cmin": -0.5, "cmax": n - 0.5, "showscale": False}
-    return _bars(view, runs, BAR, {**made, "line": {"width": 0}, **marker}, f"job %{{customdata}}{words}", runs[:, 2])
+    told = [f"job {job}" if job >= 0 else "runs" for job in runs[:, 2].tolist()]
+    return _bars(view, runs, BAR, {**made, "line": {"width": 0}, **marker}, f"%{{customdata}}{words}", told)
 
 
 def _strip(view: _View, holds: Table, lock: str, i: int) -> Spec:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
 
-from labkit.trace import Jobs, Trace, jobs, slices
-from labkit.trace.folds import holds, ready, waits
+from labkit.trace import Occupancy, Trace, occupancy, slices
+from labkit.trace.folds import holds, ready, runs, waits
 from labkit.trace.jobs import owners
 
 MAIN, BEYOND, EXCEPTION = 0, 1, 2  # kinds of a run: main part within its expected time, or beyond it; exception part
@@ -16,12 +18,38 @@ MAIN, BEYOND, EXCEPTION = 0, 1, 2  # kinds of a run: main part within its expect
 class History:
     """What a Gantt draws, read out of a trace once and only when it is needed. Keep one to draw many windows of a long trace.
 
-    Intervals are int64 arrays with a row each, the owner's index in `Trace.names` first, start and end last.
+    Intervals are int64 arrays with a row each: the owner's index in `Trace.names` first, start and end last. Events have the
+    columns (task, job, time). `spans`, `occupancy` and the events are a few passes over the columns of the trace; for the other
+    intervals of a window, ask them of its `part`.
     """
 
     def __init__(self, trace: Trace):
         self.trace = trace
         self._owner, _ = owners(trace)
+
+    @cached_property
+    def spans(self) -> np.ndarray:
+        """Columns (task, start, end) of whoever ran, in order of time, without overlaps."""
+        return self._owned(runs(self.trace))
+
+    @cached_property
+    def occupancy(self) -> Occupancy:
+        """The same, a row per name of the trace, for the share of any stretch that a task ran."""
+        task, start, end = self.spans.T
+        return occupancy(task, start, end, len(self.trace.names))
+
+    def part(self, tasks: Iterable[int], low: int, high: int) -> History:
+        """The stretch from which `runs`, `ready` and `waits` of these tasks are those of the whole trace between low and high.
+
+        It begins where the last of them to do so began to run before `low`: what a task is since then is told after that.
+        """
+        found, begin = self.occupancy, low
+        for task in tasks:
+            first, last = found.first[task : task + 2]
+            at = first + int(np.searchsorted(found.start[first:last], low, side="right")) - 1
+            begin = min(begin, int(found.start[at]) if at >= first else self.trace.start)
+        rows = np.arange(*np.searchsorted(self.trace.time, (begin, high + 1)))
+        return History(replace(self.trace.take(rows), start=begin, end=min(high, self.trace.end)))
 
     @cached_property
     def runs(self) -> np.ndarray:
@@ -42,22 +70,6 @@ class History:
         return np.stack([ran.task[at[new]], kind[new], ran.job[at[new]], left[new], end], axis=1)
 
     @cached_property
-    def busy(self) -> dict[int, tuple[np.ndarray, np.ndarray, np.ndarray]]:
-        """Per task the starts and ends of its runs, and how long it had run before each of them and in all."""
-        found = {}
-        for task in np.unique(self.runs[:, 0]).tolist():
-            start, end = self.runs[self.runs[:, 0] == task, -2:].T
-            found[task] = start, end, np.append(0, np.cumsum(end - start))
-        return found
-
-    def share(self, task: int, edges: np.ndarray) -> np.ndarray:
-        """How much of each interval between two edges the task ran, from 0 to 1."""
-        start, end, before = self.busy.get(task, (np.empty(0), np.empty(0), np.zeros(1)))
-        at = np.searchsorted(end, edges, side="right")
-        inside = np.maximum(0, edges - np.append(start, np.inf)[at])
-        return np.diff(before[at] + inside) / np.diff(edges)
-
-    @cached_property
     def ready(self) -> np.ndarray:
         """Columns (task, start, end)."""
         return self._owned(ready(self.trace))
@@ -73,8 +85,39 @@ class History:
         return self._owned(holds(self.trace))
 
     @cached_property
-    def jobs(self) -> Jobs:
-        return jobs(self.trace)
+    def releases(self) -> np.ndarray:
+        """Nominal releases."""
+        return self._events("release", self.trace.value)
 
-    def _owned(self, intervals: np.ndarray) -> np.ndarray:
-        return np.column_stack([self._owner[intervals[:, 0]], intervals[:, 1:]])
+    @cached_property
+    def deadlines(self) -> np.ndarray:
+        """Absolute deadlines."""
+        return self._events("deadline", self.trace.value)
+
+    @cached_property
+    def aborts(self) -> np.ndarray:
+        """When main parts were aborted."""
+        return self._events("abort", self.trace.time)
+
+    @cached_property
+    def misses(self) -> np.ndarray:
+        """Deadlines missed, those of `labkit.trace.jobs(trace).missed` by less work: all rows are not sorted by job for it."""
+        end, tasks = self.trace.end, len(self.trace.names)
+        done, when = self._events("complete", self.trace.value), self._events("complete", self.trace.time)[:, 2]
+        due = self.deadlines[self.deadlines[:, 2] <= end]
+        known = (done[:, 2] >= 0) & (done[:, 2] <= end)
+        done, when = done[known], when[known]
+        behind = np.bincount(due[:, 0], minlength=tasks) > np.bincount(done[:, 0], minlength=tasks)  # a job of theirs never ended
+        due, ended = due[behind[due[:, 0]]], done[behind[done[:, 0]]]
+        most = int(self.trace.extra.max(initial=0)) + 1
+        never = due[~np.isin(due[:, 0] * most + due[:, 1], ended[:, 0] * most + ended[:, 1])]
+        return np.concatenate([done[when > done[:, 2]], never])
+
+    def _events(self, kind: str, time: np.ndarray) -> np.ndarray:
+        at = np.flatnonzero(self.trace.of(kind) & (self.trace.task >= 0))
+        return np.stack([self._owner[self.trace.task[at]], self.trace.extra[at], time[at]], axis=1)
+
+    def _owned(self, table: np.ndarray) -> np.ndarray:
+        """The same with the task in place of its exception part; rows of no task are left out."""
+        some = table[table[:, 0] >= 0]
+        return np.column_stack([self._owner[some[:, 0]], some[:, 1:]])

@@ -1,0 +1,145 @@
+"""The Gantt chart draws what the trace says: exact bars of any window, and shares where there are too many."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from labkit.figures.gantt import MOST, gantt
+from labkit.figures.history import BEYOND, EXCEPTION, MAIN, History
+from labkit.kernel import Kernel
+from labkit.scheduler.periodic import simulate
+from labkit.scheduler.tasksets import PeriodicTask, TaskPair
+from labkit.trace import jobs, slices
+
+UNTIL = 400
+tasks = st.lists(st.tuples(st.integers(1, 8), st.integers(5, 30), st.integers(0, 20)), min_size=1, max_size=4)
+seeds = st.integers(0, 99)
+
+
+def periodic(rows, policy="rm"):
+    return simulate([PeriodicTask(f"t{i}", min(c, t), t, offset=o) for i, (c, t, o) in enumerate(rows)], policy, UNTIL)
+
+
+def taft(rows, seed):
+    pairs = [TaskPair(f"t{i}", min(c, t // 2), min(2, t // 2), t, offset=o) for i, (c, t, o) in enumerate(rows)]
+    rng = np.random.default_rng(seed)
+    return simulate(pairs, "taft", UNTIL, {p.name: rng.integers(1, 3 * p.ecet, 90, endpoint=True) for p in pairs})
+
+
+def kernel(rows, seed):
+    """Tasks that compute, wait, and share a mutex."""
+    k = Kernel()
+    lock, rng = k.mutex("S"), np.random.default_rng(seed)
+
+    def body(work, period):
+        def forever(os):
+            while True:
+                yield os.compute(work * os.us * 100)
+                if rng.random() < 0.5:
+                    yield os.take(lock)
+                    yield os.compute(os.us * int(rng.integers(1, 900)))
+                    yield os.give(lock)
+                yield os.delay_until(period)
+
+        return forever
+
+    for i, (work, period, _) in enumerate(rows):
+        k.task(f"t{i}", body(work, period), i + 1, deadline=period * k.ms)
+    return k.run(until=120 * k.ms).trace
+
+
+traces = st.one_of(
+    st.builds(periodic, tasks, st.sampled_from(["rm", "edf"])), st.builds(taft, tasks, seeds), st.builds(kernel, tasks, seeds)
+)
+
+
+@settings(max_examples=60)
+@given(traces, st.floats(0, 1), st.floats(0.01, 1))
+def test_a_part_of_the_trace_tells_the_same_of_its_window_as_the_whole(trace, where, size):
+    low = int(trace.end * where * 0.99)
+    high = min(trace.end, low + max(1, int(trace.end * size)))
+    whole = History(trace)
+    names = [i for i, name in enumerate(trace.names) if name.startswith("t") and not name.endswith(".ep")]
+    part = whole.part(names, low, high)
+    for kind in ("runs", "ready", "waits"):
+        cut = []
+        for table in (getattr(whole, kind), getattr(part, kind)):
+            table = table[np.isin(table[:, 0], names) & (table[:, -1] > low) & (table[:, -2] < high)].copy()
+            table[:, -2:] = np.clip(table[:, -2:], low, high)
+            if kind == "runs":
+                table = np.delete(table, 2, axis=1)  # the job is told by its end, which may be after the window
+            cut.append(table.tolist())
+        assert cut[0] == cut[1], kind
+
+
+@settings(max_examples=60)
+@given(traces)
+def test_misses_are_those_of_the_jobs(trace):
+    found = jobs(trace)
+    wanted = np.stack([found.task, found.job, found.deadline], axis=1)[found.missed]
+    assert sorted(History(trace).misses.tolist()) == sorted(wanted.tolist())
+
+
+@settings(max_examples=40)
+@given(st.builds(taft, tasks, seeds))
+def test_runs_are_the_slices_cut_where_the_expected_time_ends(trace):
+    runs, ran = History(trace).runs, slices(trace)
+    for task in range(len(trace.names)):
+        for part, kinds in ((0, (MAIN, BEYOND)), (1, (EXCEPTION,))):
+            mine = runs[(runs[:, 0] == task) & np.isin(runs[:, 1], kinds)]
+            whole = (ran.task == task) & (ran.part == part)
+            assert (mine[:, -1] - mine[:, -2]).sum() == (ran.end - ran.start)[whole].sum()
+    table = jobs(trace)
+    main = np.zeros(len(table), np.int64)
+    for task, _, job, start, end in runs[runs[:, 1] == MAIN].tolist():
+        main[(table.task == task) & (table.job == job)] += end - start
+    assert (main <= table.main).all()
+
+
+def bars(panel):
+    return [trace for trace in panel.traces if trace["type"] == "bar"]
+
+
+@settings(max_examples=30)
+@given(tasks, seeds)
+def test_the_number_of_traces_depends_on_the_rows_only(rows, seed):
+    names = ("t0", "t1", "t2", "t3")
+    shown = gantt(taft(rows, seed), names, 0, 100, pairs=True)
+    other = gantt(taft([(1, 5, 0)], 0), names, 0, 400, pairs=True)
+    assert [t["type"] for t in shown.traces] == [t["type"] for t in other.traces]
+
+
+def test_bars_stand_where_the_jobs_ran():
+    panel = gantt(periodic([(2, 5, 0), (4, 7, 0)]), ("t0", "t1"), 0, 35)
+    ready, _, main = bars(panel)
+    assert main["base"][:3].tolist() == [0, 2, 5]
+    assert main["y"][:3].tolist() == [0, -1, 0] and main["marker"]["color"][:3].tolist() == [0, 1, 0]
+    assert ready["base"][0] == 0 and ready["x"][0] == 2 and ready["y"][0] == -1
+
+
+@pytest.mark.parametrize("window", [(0, 200), (50, 150)])
+def test_too_many_slices_become_shares_that_say_the_same(window):
+    trace = simulate([PeriodicTask("a", 1, 4), PeriodicTask("b", 2, 8), PeriodicTask("c", 9, 11)], "rm", 200_000, {}, 1_000_000)
+    panel = gantt(trace, ("a", "b", "c", "not there"), *window)
+    assert sum(len(t["x"]) for t in bars(panel)) == 0
+    shares = panel.traces[:4]
+    low, high = shares[0]["x"][0], shares[0]["x"][-1]
+    ran = slices(trace)
+    for row, share in enumerate(shares[:3]):
+        height = np.asarray(share["y"])[1:-1:2] + row + 0.3
+        width = np.diff(np.asarray(share["x"])[::2])
+        busy = (np.clip(ran.end, low * 1e3, high * 1e3) - np.clip(ran.start, low * 1e3, high * 1e3))[ran.task == row].sum()
+        assert (height / 0.6 * width).sum() == pytest.approx(busy / 1e3)
+    assert not len(shares[3]["x"])
+    miss = panel.traces[-1]
+    assert set(miss["y"].tolist()) == {-2.0} and len(miss["x"]) <= MOST // 2
+
+
+@settings(max_examples=20)
+@given(st.builds(periodic, tasks, st.just("rm")), st.floats(0, 300), st.floats(1, 300))
+def test_never_more_than_the_marks_that_a_page_can_draw(trace, start, size):
+    panel = gantt(trace, ("t0", "t1", "t2", "t3"), start, start + size)
+    assert sum(len(t["x"]) for t in bars(panel)) <= MOST
+    points = sum(len(t["x"]) for t in panel.traces if t["type"] == "scatter" and t["mode"] == "markers")
+    assert points <= MOST
