@@ -42,7 +42,7 @@ from labkit.scheduler.analysis.taft import latest_slots
 from labkit.scheduler.dispatch import dispatch
 from labkit.scheduler.jobs import BEYOND, EXCEPTION, Outcome, Releases, release_jobs, trace_of
 from labkit.scheduler.tasksets import TaskPair
-from labkit.trace.trace import Trace
+from labkit.trace import Trace
 
 NEVER = 1 << 62
 
@@ -101,7 +101,7 @@ class _Run:
         self._run()
         n = self.n
         keys, start, end = (np.array(column, dtype=np.int64) for column in (self.keys, self.starts, self.ends))
-        job, part = keys % n if n else keys, keys // n if n else keys
+        part, job = np.divmod(keys, max(1, n))
         left = np.array(self.left, dtype=np.int64)
         main = part <= BEYOND
         completed = np.full(n, -1)
@@ -157,6 +157,11 @@ class _Run:
         while self.alarms[0][0] <= now:
             heappop(self.alarms)
         slots = self._slots(now)
+        if len(slots) == 1 and slots[0][0] > now and not self.excepting:  # by far the most frequent case: a bound is raised
+            ((start, _, job),) = slots
+            settled[job], self.bound[job] = True, start
+            heappush(self.alarms, (start, job))
+            return now
         first: dict[int, int] = {}
         for start, _, job in slots:
             first.setdefault(job, start)
@@ -199,10 +204,13 @@ class _Run:
         """(start, end, job) of the planned slots, in order of time, of the released jobs with a bound that is reached and of
         those that share time with them. An empty exception part has a slot of length 0.
         """
-        self.excepting = [job for job in self.excepting if self.deadline[job] > now]
-        bound, deadline, release = self.bound, self.deadline, self.release
+        bound, deadline, release, n = self.bound, self.deadline, self.release, self.n
+        waiting = [key if key < n else key - n for key in self.ready]
+        if self.excepting:
+            self.excepting = [job for job in self.excepting if deadline[job] > now]
+            waiting += self.excepting
         windows, horizon = [], now + 1
-        for job in sorted((*(key % self.n for key in self.ready), *self.excepting), key=bound.__getitem__):
+        for job in sorted(waiting, key=bound.__getitem__):
             if bound[job] >= horizon:  # its slots, and those of all that follow, lie behind
                 break
             horizon = max(horizon, deadline[job])
@@ -216,7 +224,7 @@ class _Run:
                 break
             if release[job] > now:  # it stays where it is, whatever happens before its release
                 windows.append((release[job], self.task[job], end, end - start, -1))
-        if len(windows) == 1:  # by far the most frequent case; it needs no plan
+        if len(windows) == 1:  # it needs no plan
             _, _, due, length, job = windows[0]
             return [(due - length, due, job)]
         windows.sort()
