@@ -113,15 +113,15 @@ class Work:
     ) -> Work:
         """Work whose data side is the counts of `count_trace` or of the fold `counts`."""
         return cls(
-            instructions,
-            fetches,
-            data["lines_touched"],
-            code_fills,
-            data["fills"],
-            data["write_backs"],
-            data["stores_to_memory"],
-            uncached,
-            insensitive,
+            instructions=instructions,
+            fetches=fetches,
+            data=data["lines_touched"],
+            code_fills=code_fills,
+            data_fills=data["fills"],
+            write_backs=data["write_backs"],
+            stores_to_memory=data["stores_to_memory"],
+            uncached=uncached,
+            insensitive=insensitive,
         )
 
 
