@@ -20,6 +20,7 @@ NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
 
 #: Part of labkit -> its floor. Imports go down, or stay inside the part; a new part gets its line here.
 FLOOR = {
+    "checks": -2,
     "outside": -1,  # what every reader stands on
     "trace": 0,
     "experiment": 0,
@@ -105,6 +106,22 @@ def test_imports_go_down_only(path):
         assert there in FLOOR, f"{path}:{line}: labkit has no part {there!r}"
         assert FLOOR[there] < FLOOR[here], f"{path}:{line}: {here} (floor {FLOOR[here]}) imports {there} (floor {FLOOR[there]})"
         assert (here, there) not in STRANGERS, f"{path}:{line}: {here} knows nothing of {there}"
+
+
+def deep(module: str) -> bool:
+    """Whether the module lies within a room of labkit: `labkit.trace.folds` does, `labkit.trace` and `labkit.data` do not."""
+    return module.count(".") > 1 and module.startswith("labkit.")
+
+
+@pytest.mark.parametrize("path", MODULES, ids=str)
+def test_a_room_is_entered_by_its_door(path):
+    """What a room offers stands in its __init__; nobody outside imports deeper."""
+    for node in ast.walk(ast.parse((ROOT / path).read_text(encoding="utf-8"))):
+        named = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+        named += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
+        for module in named:
+            inside = not deep(module) or part(module) == home(path)
+            assert inside, f"{path}:{node.lineno}: import from labkit.{part(module)}, and add the name to its __init__"
 
 
 def test_no_module_imports_itself_around_a_corner():
@@ -197,6 +214,15 @@ def test_import_of_labkit_brings_nothing_heavy():
     assert HEAVY.isdisjoint(loaded)
 
 
+@pytest.mark.parametrize(
+    "room", ["trace", *(model for model in MODELS if (ROOT / "labkit" / model).is_dir()), "figures", "experiments"]
+)
+def test_import_of_a_room_brings_nothing_heavy(room):
+    code = f"import labkit.{room}, sys; print(*sorted({{name.split('.')[0] for name in sys.modules}}))"
+    loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
+    assert HEAVY.isdisjoint(loaded)
+
+
 # --------------------------------------------------------------------------------------------------------------- files
 
 
@@ -260,6 +286,13 @@ def test_notebook_stores_no_state_and_no_picture(path):
             assert output["output_type"] in ("stream", "execute_result", "display_data"), f"{where} stores an error"
             assert set(output.get("data", {"text/plain": ""})) == {"text/plain"}, f"{where} stores more than text"
         assert len(json.dumps(cell["outputs"])) < 4000, f"{where} stores a long output"
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_notebook_imports_from_labkit_and_its_rooms_only(path):
+    source = "\n".join("".join(cell["source"]) for cell in cells(path, "code"))
+    found = re.findall(r"^\s*(?:from|import)\s+(labkit[\w.]*)", source, flags=re.M)
+    assert found and not [module for module in found if deep(module)]
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)

@@ -8,13 +8,15 @@ from labkit.cache.cache import Cache
 from labkit.cache.coherence import CAUSES, Coherence, Violation, violations
 from labkit.cache.counting import COUNTS, count, count_trace
 from labkit.cache.dma import Dma
+from labkit.cache.drivers import evict
 from labkit.cache.folds import MissClasses, counts, miss_classes, references_of, replay, timeline
 from labkit.cache.geometry import DCACHE, ICACHE, Geometry
 from labkit.cache.history import History, history
-from labkit.cache.memory import Attribute, Memory, MpuRegion, Region
-from labkit.cache.records import Access, Operation, Transfer, data_of
+from labkit.cache.memory import WRITE_BACK, Attribute, Memory, MpuRegion, Region
+from labkit.cache.records import Access, Operation, Record, Transfer, data_of
 from labkit.cache.references import References, TraceFileError, read_trace
 from labkit.cache.stm32f767 import SOURCE1_MPU, stm32f767
+from labkit.cache.timing import Cost, Timing, Work, run_cost, wait_states
 
 __all__ = [
     "CAUSES",
@@ -22,10 +24,12 @@ __all__ = [
     "DCACHE",
     "ICACHE",
     "SOURCE1_MPU",
+    "WRITE_BACK",
     "Access",
     "Attribute",
     "Cache",
     "Coherence",
+    "Cost",
     "Dma",
     "Geometry",
     "History",
@@ -33,21 +37,27 @@ __all__ = [
     "MissClasses",
     "MpuRegion",
     "Operation",
+    "Record",
     "References",
     "Region",
+    "Timing",
     "TraceFileError",
     "Transfer",
     "Violation",
+    "Work",
     "count",
     "count_trace",
     "counts",
     "data_of",
+    "evict",
     "history",
     "miss_classes",
     "read_trace",
     "references_of",
     "replay",
+    "run_cost",
     "stm32f767",
     "timeline",
     "violations",
+    "wait_states",
 ]

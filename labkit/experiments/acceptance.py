@@ -10,22 +10,22 @@ from annotated_types import Interval, MultipleOf, Unit
 from typing_extensions import Doc
 
 from labkit.experiment import Experiment, Feedback, Metric, progress
-from labkit.figures.curves import Curve, curves
-from labkit.figures.margins import reserve
-from labkit.figures.panel import stack
-from labkit.figures.style import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, VERMILION, axis
-from labkit.phases.laser_chain import BELOW_NS, LONGEST_NS, MS, SHARE, contour_model
-from labkit.scheduler.analysis import (
+from labkit.figures import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, VERMILION, Curve, axis, curves, reserve, stack
+from labkit.phases import BELOW_NS, LONGEST_NS, MS, SHARE, contour_model
+from labkit.scheduler import (
+    PeriodicTask,
+    TaskPair,
     UndecidedError,
     accept_edf,
     accept_hyperbolic,
     accept_liu_layland,
+    accept_response_time,
+    log_uniform_periods,
+    simulate,
     taft_demand_test,
     taft_test,
+    uunifast,
 )
-from labkit.scheduler.analysis.acceptance import accept_response_time
-from labkit.scheduler.periodic import simulate
-from labkit.scheduler.tasksets import PeriodicTask, TaskPair, log_uniform_periods, uunifast
 from labkit.trace import Trace, jobs
 
 US = 1000  # microseconds, the unit of the traces, in a millisecond

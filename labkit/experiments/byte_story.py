@@ -6,9 +6,8 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 
-from labkit.cache import DCACHE, Access, Cache, Coherence, Dma, Memory, Operation, Transfer, Violation
-from labkit.cache.records import Record
-from labkit.figures.lanes import Lane, Move
+from labkit.cache import DCACHE, Access, Cache, Coherence, Dma, Memory, Operation, Record, Transfer, Violation
+from labkit.figures import Lane, Move
 
 LINE = DCACHE.line
 CPU, CACHE, MEMORY, DMA = range(4)  # the lanes from top to bottom

@@ -23,10 +23,7 @@ from labkit.cache import (
     stm32f767,
 )
 from labkit.experiment import Experiment, Feedback, Labels, Metric, View, progress
-from labkit.figures.cache_map import cache_map
-from labkit.figures.curves import Curve, curves
-from labkit.figures.panel import Panel, stack
-from labkit.figures.style import BLUE, FONT, INK, ORANGE, SKY, VERMILION, axis
+from labkit.figures import BLUE, FONT, INK, ORANGE, SKY, VERMILION, Curve, Panel, axis, cache_map, curves, stack
 
 LINE = 32  # bytes, of the Cortex-M7
 POLICIES = {

@@ -10,13 +10,31 @@ from typing import Annotated, Any, Literal
 from annotated_types import Interval, MultipleOf, Unit
 from typing_extensions import Doc
 
-from labkit.cache.timing import Cost, Timing, Work, run_cost, wait_states
+from labkit.cache import Cost, Timing, Work, run_cost, wait_states
 from labkit.data import published
 from labkit.experiment import Experiment, Feedback, Labels, Metric, View
-from labkit.figures.comparison import Bar, Factor, Pair, dumbbells, factors, stacked
-from labkit.figures.curves import Curve, curves
-from labkit.figures.panel import stack
-from labkit.figures.style import BLUE, FONT, GREEN, GREY, INK, ORANGE, PALE, SKY, VERMILION, axis, colours
+from labkit.figures import (
+    BLUE,
+    FONT,
+    GREEN,
+    GREY,
+    INK,
+    ORANGE,
+    PALE,
+    SKY,
+    VERMILION,
+    Bar,
+    Curve,
+    Factor,
+    Pair,
+    axis,
+    colours,
+    curves,
+    dumbbells,
+    factors,
+    stack,
+    stacked,
+)
 
 PLATFORMS = ("micro-ROS", "FreeRTOS")
 RATES = ("50|30", "100|50")

@@ -10,12 +10,10 @@ from typing import Annotated, Any, Literal
 from annotated_types import Interval, MultipleOf, Unit
 from typing_extensions import Doc
 
-from labkit.cache import CAUSES, MpuRegion, Operation, Transfer, stm32f767
-from labkit.cache.drivers import evict
+from labkit.cache import CAUSES, MpuRegion, Operation, Transfer, evict, stm32f767
 from labkit.experiment import Experiment, Labels, Metric, View
 from labkit.experiments.byte_story import LINE, Stage, Story
-from labkit.figures.lanes import Span, lanes
-from labkit.figures.style import ORANGE, SKY, YELLOW
+from labkit.figures import ORANGE, SKY, YELLOW, Span, lanes
 
 WINDOW = 2 * LINE
 SIZE = 32  # of the buffer in `DmaCoherence`

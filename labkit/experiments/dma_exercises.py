@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from labkit.cache import CAUSES, Access, Cache, Dma, MpuRegion, Transfer, stm32f767, violations
-from labkit.cache.drivers import evict
-from labkit.cache.memory import WRITE_BACK
+from labkit.cache import CAUSES, WRITE_BACK, Access, Cache, Dma, MpuRegion, Transfer, evict, stm32f767, violations
 from labkit.experiment import Feedback
 from labkit.experiments.byte_story import LINE
 from labkit.experiments.dma_coherence import DmaCoherence

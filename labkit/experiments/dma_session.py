@@ -13,8 +13,7 @@ from labkit.cache import SOURCE1_MPU, MpuRegion, stm32f767
 from labkit.experiment import Experiment, Labels, Metric, View
 from labkit.experiments.byte_story import LINE, Stage, Story
 from labkit.experiments.dma_coherence import picture
-from labkit.figures.lanes import Span
-from labkit.figures.style import YELLOW
+from labkit.figures import YELLOW, Span
 
 HEAP_SIZE = 16 * 1024  # of lwIP, as in source 1
 HEAPS = {"sram1": 0x2002_4000, "dtcm": 0x2000_4000}

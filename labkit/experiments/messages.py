@@ -10,13 +10,9 @@ from annotated_types import Interval, MultipleOf, Unit
 from typing_extensions import Doc
 
 from labkit.experiment import Experiment, Feedback, Labels, Metric
-from labkit.figures.gantt import gantt
-from labkit.figures.panel import stack
-from labkit.figures.steps import Marks, Steps, steps
-from labkit.figures.style import BLUE, GREEN, VERMILION, axis
+from labkit.figures import BLUE, GREEN, VERMILION, Marks, Steps, axis, gantt, stack, steps
 from labkit.kernel import Costs, Kernel, Run
-from labkit.trace import Trace
-from labkit.trace.kinds import CODE
+from labkit.trace import CODE, Trace
 
 WINDOW = 60  # ms simulated
 KEYS = ("ready", "waits for lock, queue, signal", "release")

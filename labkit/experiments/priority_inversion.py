@@ -10,14 +10,10 @@ from annotated_types import Interval, Unit
 from typing_extensions import Doc
 
 from labkit.experiment import Experiment, Feedback, Labels, Metric
-from labkit.figures.gantt import gantt
-from labkit.figures.panel import Panel, stack
-from labkit.figures.steps import priorities
-from labkit.figures.style import axis
+from labkit.figures import Panel, axis, gantt, priorities, stack
 from labkit.kernel import Kernel, Run
-from labkit.scheduler.analysis import CriticalSection, blocking_bounds
-from labkit.scheduler.tasksets import PeriodicTask
-from labkit.trace.folds import runs
+from labkit.scheduler import CriticalSection, PeriodicTask, blocking_bounds
+from labkit.trace import runs
 
 PROTOCOLS = {
     "freertos": "mutex, FreeRTOS's inheritance",

@@ -11,24 +11,25 @@ from annotated_types import Interval, MultipleOf, Unit
 from typing_extensions import Doc
 
 from labkit.experiment import Experiment, Feedback, Labels, Metric
-from labkit.figures.gantt import gantt
-from labkit.figures.margins import Response, responses
-from labkit.figures.panel import stack
-from labkit.figures.style import axis
-from labkit.phases.laser_chain import BELOW_NS, LONGEST_NS, contour_model
-from labkit.scheduler.analysis import (
+from labkit.figures import Response, axis, gantt, responses, stack
+from labkit.phases import BELOW_NS, LONGEST_NS, contour_model
+from labkit.scheduler import (
+    PeriodicTask,
+    TaskPair,
     edf_response_times,
     edf_utilization_test,
     hyperbolic_test,
     liu_layland_test,
+    log_uniform_periods,
+    rate_monotonic,
     response_time_test,
     response_times,
+    simulate,
     taft_test,
     taft_utilization,
     utilization,
+    uunifast,
 )
-from labkit.scheduler.periodic import simulate
-from labkit.scheduler.tasksets import PeriodicTask, TaskPair, log_uniform_periods, rate_monotonic, uunifast
 from labkit.trace import Trace, jobs
 
 MS = 1000  # units of all traces here: microseconds

@@ -9,13 +9,9 @@ from annotated_types import Interval, MultipleOf, Unit
 from typing_extensions import Doc
 
 from labkit.experiment import Experiment, Metric
-from labkit.figures.gantt import gantt
-from labkit.figures.panel import stack
-from labkit.figures.steps import priorities
-from labkit.figures.style import axis
+from labkit.figures import axis, gantt, priorities, stack
 from labkit.kernel import Kernel, Run
-from labkit.scheduler.analysis import response_times, utilization
-from labkit.scheduler.tasksets import PeriodicTask
+from labkit.scheduler import PeriodicTask, response_times, utilization
 from labkit.trace import jobs
 
 PRIORITY = {"wheel_ctrl": 3, "odometry": 2, "pose_ctrl": 1}

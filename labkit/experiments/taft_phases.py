@@ -12,11 +12,24 @@ from typing_extensions import Doc
 
 from labkit.data import published_table
 from labkit.experiment import Experiment, Feedback, Metric, View
-from labkit.figures.panel import stack
-from labkit.figures.phases import activity_stack, periods_gantt, plan, verdict_grid
-from labkit.phases.designs import DESIGNS, DesignRun, phase_times, run_design
-from labkit.phases.laser_chain import CONTOUR, MS, Experiment1, contour_model, experiment_1, laser_chain, laser_load
-from labkit.phases.windows import Part, Window, phases_of, windows
+from labkit.figures import activity_stack, periods_gantt, plan, stack, verdict_grid
+from labkit.phases import (
+    CONTOUR,
+    DESIGNS,
+    MS,
+    DesignRun,
+    Experiment1,
+    Part,
+    Window,
+    contour_model,
+    experiment_1,
+    laser_chain,
+    laser_load,
+    phase_times,
+    phases_of,
+    run_design,
+    windows,
+)
 from labkit.trace import Trace
 
 PERIODS, SHOWN = 60, 2  # of the six designs: periods run under the same load, periods drawn

@@ -8,9 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from labkit.trace import Occupancy, Trace, occupancy, slices
-from labkit.trace.folds import holds, ready, runs, waits
-from labkit.trace.jobs import owners
+from labkit.trace import Occupancy, Trace, holds, occupancy, owners, ready, runs, slices, waits
 
 MAIN, BEYOND, EXCEPTION = 0, 1, 2  # kinds of a run: main part within its expected time, or beyond it; exception part
 
@@ -19,7 +17,7 @@ class History:
     """What a Gantt draws, read out of a trace once and only when it is needed. Keep one to draw many windows of a long trace.
 
     Intervals are int64 arrays with a row each: the owner's index in `Trace.names` first, start and end last. Events have the
-    columns (task, job, time). `spans`, `occupancy` and the events are a few passes over the columns of the trace; for the other
+    columns (task, job, time). `occupancy` and the events are a few passes over the columns of the trace; for the other
     intervals of a window, ask them of its `part`.
     """
 
@@ -28,20 +26,23 @@ class History:
         self._owner, _ = owners(trace)
 
     @cached_property
-    def spans(self) -> np.ndarray:
-        """Columns (task, start, end) of whoever ran, in order of time, without overlaps."""
-        return self._owned(runs(self.trace))
-
-    @cached_property
     def occupancy(self) -> Occupancy:
-        """The same, a row per name of the trace, for the share of any stretch that a task ran."""
-        task, start, end = self.spans.T
-        return occupancy(task, start, end, len(self.trace.names))
+        """When each name ran, a row per name of the trace."""
+        name, start, end = runs(self.trace).T
+        return occupancy(name, start, end, len(self.trace.names))
+
+    def shares(self, edges: np.ndarray) -> np.ndarray:
+        """How much of each stretch between two edges each task ran, exception parts included, shape (names, stretches)."""
+        found = self.occupancy.shares(edges)
+        made = np.zeros_like(found)
+        np.add.at(made, self._owner, found)
+        return made
 
     def part(self, tasks: Iterable[int], low: int, high: int) -> History:
         """The stretch from which `runs`, `ready` and `waits` of these tasks are those of the whole trace between low and high.
 
-        It begins where the last of them to do so began to run before `low`: what a task is since then is told after that.
+        Each of them, its main part, has begun to run once more between the beginning of the part and `low`; whatever it is at
+        `low`, ready, waiting or due to run its exception part, it became after that.
         """
         found, begin = self.occupancy, low
         for task in tasks:

@@ -10,7 +10,7 @@ import numpy as np
 from labkit.figures.gantt import gantt
 from labkit.figures.panel import Panel, stack
 from labkit.figures.style import FONT, GREEN, GREY, INK, PALE, PUBLISHED, SMALL, VERMILION, Spec, axis, colours, key, rows_axis
-from labkit.phases.windows import Window
+from labkit.phases import Window
 from labkit.trace import Trace
 
 MS = 1e-6  # ms in a ns

@@ -11,7 +11,7 @@ import numpy as np
 from labkit.figures.panel import Panel
 from labkit.figures.style import INK, Spec, axis, colours
 from labkit.trace import Trace
-from labkit.trace.folds import priorities as steps_of
+from labkit.trace import priorities as steps_of
 
 
 @dataclass(frozen=True)

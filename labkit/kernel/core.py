@@ -13,7 +13,7 @@ from labkit.kernel.costs import Costs
 from labkit.kernel.journal import PAGE, Journal
 from labkit.kernel.objects import BLOCKED, DELETED, FOREVER, READY, SUSPENDED, Mutex, Queue, ReadyLists, Semaphore, Task, enqueue
 from labkit.kernel.services import PRICED, Service, end_task, release
-from labkit.trace.kinds import CODE, OVERHEADS
+from labkit.trace import CODE, OVERHEADS
 
 if TYPE_CHECKING:
     from labkit.kernel.interrupts import Interrupt
@@ -198,7 +198,10 @@ class Core:
                 if self.devices and self.devices[0][0] <= self.now:
                     self._handle_device()
                 elif self.switch_wanted:
+                    before = self.now
                     self.reschedule()
+                    if self.now == before:
+                        return
                 else:
                     return
             if self.now >= self.until:
@@ -297,7 +300,12 @@ class Core:
             heappush(delayed, (until, alarm, task))
             if len(delayed) > self._room:
                 self._forget_old_alarms()
-        self.reschedule()
+        if self.switch_cost:
+            self.reschedule()
+        else:  # the same in short, since every job comes by here
+            self.switch_wanted = False
+            self.running = chosen = self.ready.select()
+            self.log((self.now, SWITCH, chosen.code, task.code, chosen.priority, BLOCKED))
 
     def _forget_old_alarms(self) -> None:
         """Of tasks that were woken before their time-out; without this they would stay until then, however many."""

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from labkit.kernel.objects import Mutex, Queue, Semaphore, Task
 from labkit.kernel.services import PRICED, SEND, SEND_FAIL, give_semaphore, notify, resumed, stamp
-from labkit.trace.kinds import CODE, ISR_OPS, OVERHEADS
+from labkit.trace import CODE, ISR_OPS, OVERHEADS
 
 if TYPE_CHECKING:
     from labkit.kernel.core import Core

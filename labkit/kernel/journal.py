@@ -8,7 +8,7 @@ from struct import pack
 
 import numpy as np
 
-from labkit.trace.trace import COLUMNS, Trace
+from labkit.trace import COLUMNS, Trace
 
 WIDTH = len(COLUMNS)
 

@@ -39,8 +39,7 @@ from labkit.kernel.objects import FOREVER, Mutex, Queue, Semaphore, Task
 from labkit.kernel.protocols import PROTOCOLS
 from labkit.kernel.requests import Services
 from labkit.kernel.run import Run, TaskInfo, Wait, find_deadlock
-from labkit.trace import Trace
-from labkit.trace.kinds import CODE
+from labkit.trace import CODE, Trace
 
 CREATE, READIED = CODE["create"], CODE["ready"]
 IDLE, ISR = "IDLE", "ISR"

@@ -10,7 +10,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from labkit.kernel.objects import Mutex, Task, enqueue
-from labkit.trace.kinds import CODE
+from labkit.trace import CODE
 
 if TYPE_CHECKING:
     from labkit.kernel.core import Core

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from labkit.kernel.run import Run
-from labkit.trace.folds import overheads, runs
-from labkit.trace.kinds import CODE
+from labkit.trace import CODE, overheads, runs
 
 NAME_WIDTH = 15  # configMAX_TASK_NAME_LEN - 1
 LETTERS = "RBSDX"  # in the order of labkit.trace.kinds.STATES

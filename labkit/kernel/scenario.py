@@ -19,8 +19,7 @@ from labkit.kernel.objects import FOREVER, Mutex, Queue, Semaphore
 from labkit.kernel.requests import Services
 from labkit.kernel.run import Run
 from labkit.outside import Name, a_list, checked, read_json, shown, whole, whole_number
-from labkit.trace.folds import runs
-from labkit.trace.kinds import ISR_OPS, KINDS, STATES
+from labkit.trace import ISR_OPS, KINDS, STATES, runs
 
 #: The longest run of a scenario, and the most events of it: some ten seconds, 200 MB.
 LAST_TICK, MOST_EVENTS = 10_000_000, 2_000_000

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from labkit.kernel.objects import DELETED, FOREVER, SUSPENDED, Mutex, Queue, Semaphore, Task
 from labkit.kernel.protocols import settle
-from labkit.trace.kinds import CODE
+from labkit.trace import CODE
 
 if TYPE_CHECKING:
     from labkit.kernel.core import Core

@@ -29,13 +29,20 @@ from dataclasses import dataclass
 import numpy as np
 
 from labkit.phases.windows import Part, phases_of, windows
-from labkit.scheduler.analysis import Verdict, taft_test
-from labkit.scheduler.jobs import EXCEPTION, MP, Outcome, Releases, trace_of
-from labkit.scheduler.periodic import simulate
-from labkit.scheduler.taft import PRIORITY
-from labkit.scheduler.tasksets import PeriodicTask, TaskPair
-from labkit.trace import Trace, slices
-from labkit.trace.jobs import MAIN
+from labkit.scheduler import (
+    EXCEPTION,
+    MP,
+    PRIORITY,
+    Outcome,
+    PeriodicTask,
+    Releases,
+    TaskPair,
+    Verdict,
+    simulate,
+    taft_test,
+    trace_of,
+)
+from labkit.trace import MAIN, Trace, slices
 
 #: The designs, by number from 1.
 DESIGNS = ("edf thread", "taft thread", "taft thread, wcet", "taft phases", "taft releases", "taft windows")

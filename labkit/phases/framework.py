@@ -38,12 +38,10 @@ from typing import Any
 
 import numpy as np
 
+from labkit.checks import whole
 from labkit.phases.windows import Part, Window, windows
-from labkit.scheduler.checks import whole
-from labkit.scheduler.jobs import EXCEPTION, Outcome, Releases, trace_of
-from labkit.scheduler.taft import PRIORITY, run_pairs
-from labkit.scheduler.tasksets import TaskPair
-from labkit.trace.trace import Trace
+from labkit.scheduler import EXCEPTION, PRIORITY, Outcome, Releases, TaskPair, run_pairs, trace_of
+from labkit.trace import Trace
 
 Main = Callable[[Any], Generator[tuple[int, Any], None, None]]
 

@@ -24,10 +24,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from labkit.checks import whole
 from labkit.phases.designs import DesignRun, PhaseTimes, run_design
 from labkit.phases.windows import Part
-from labkit.scheduler.checks import whole
-from labkit.scheduler.execution import ExecutionModel, fit_log_normal, log_normal
+from labkit.scheduler import ExecutionModel, fit_log_normal, log_normal
 from labkit.trace import jobs
 
 MS = 1_000_000

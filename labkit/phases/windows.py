@@ -15,7 +15,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import accumulate
 
-from labkit.scheduler.checks import whole
+from labkit.checks import whole
 
 
 @dataclass(frozen=True)

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from labkit.scheduler.checks import whole
+from labkit.checks import whole
 from labkit.scheduler.tasksets import PeriodicTask, TaskPair, check_names
-from labkit.trace.kinds import CODE, STATES
-from labkit.trace.trace import Trace
+from labkit.trace import CODE, STATES, Trace
 
 #: In a TAFT trace the exception part of task `x` is a name of its own, `x.ep`; `x` is the main part.
 EP = ".ep"

@@ -25,7 +25,7 @@ from labkit.scheduler.dispatch import dispatch
 from labkit.scheduler.jobs import MP, Outcome, Releases, Times, release_jobs, trace_of
 from labkit.scheduler.taft import schedule_pairs
 from labkit.scheduler.tasksets import Kind, PeriodicTask, TaskPair, check_names
-from labkit.trace.trace import Trace
+from labkit.trace import Trace
 
 #: The policies, by the name `simulate` and the command line know them.
 POLICIES = ("rm", "dm", "edf", "taft")

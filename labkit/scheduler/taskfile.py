@@ -14,9 +14,7 @@ from labkit.outside import Name, a_list, checked, whole, whole_number
 from labkit.scheduler.jobs import LONGEST
 from labkit.scheduler.periodic import POLICIES, simulate
 from labkit.scheduler.tasksets import PeriodicTask, TaskPair, check_names, deadline_monotonic, rate_monotonic
-from labkit.trace import Trace, jobs, slices
-from labkit.trace.jobs import EXCEPTION, MAIN, PARTS, owners
-from labkit.trace.kinds import KINDS
+from labkit.trace import EXCEPTION, KINDS, MAIN, PARTS, Trace, jobs, owners, slices
 
 #: Columns of `schedule_rows`.
 ROW = ("task", "job", "part", "event", "start", "end")

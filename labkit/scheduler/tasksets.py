@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from labkit.scheduler.checks import whole
+from labkit.checks import whole
 
 Kind = TypeVar("Kind", "PeriodicTask", "TaskPair", "PeriodicTask | TaskPair")
 

@@ -2,14 +2,25 @@
 
 from labkit.trace.export import export_chrome
 from labkit.trace.files import export_csv, export_npz, read_csv, read_npz
-from labkit.trace.jobs import Jobs, Slices, jobs, slices
+from labkit.trace.folds import holds, overheads, priorities, ready, runs, waits
+from labkit.trace.jobs import EXCEPTION, MAIN, PARTS, Jobs, Slices, jobs, owners, slices
+from labkit.trace.kinds import CODE, ISR_OPS, KINDS, OVERHEADS, STATES
 from labkit.trace.log import LogError, Problem, Report, read_log
 from labkit.trace.occupancy import Occupancy, occupancy
 from labkit.trace.spans import spans
 from labkit.trace.statistics import describe, statistics
-from labkit.trace.trace import Trace
+from labkit.trace.trace import COLUMNS, Trace
 
 __all__ = [
+    "CODE",
+    "COLUMNS",
+    "EXCEPTION",
+    "ISR_OPS",
+    "KINDS",
+    "MAIN",
+    "OVERHEADS",
+    "PARTS",
+    "STATES",
     "Jobs",
     "LogError",
     "Occupancy",
@@ -21,12 +32,19 @@ __all__ = [
     "export_chrome",
     "export_csv",
     "export_npz",
+    "holds",
     "jobs",
     "occupancy",
+    "overheads",
+    "owners",
+    "priorities",
     "read_csv",
     "read_log",
     "read_npz",
+    "ready",
+    "runs",
     "slices",
     "spans",
     "statistics",
+    "waits",
 ]

@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 
-from labkit.scheduler.checks import whole
+from labkit.checks import whole
 from labkit.scheduler.tasksets import PeriodicTask, TaskPair, as_tasks, check_names, log_uniform_periods, uunifast, whole_wcets
 
 

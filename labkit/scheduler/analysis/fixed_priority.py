@@ -13,9 +13,9 @@ from dataclasses import dataclass
 from fractions import Fraction
 from math import lcm
 
+from labkit.checks import whole
 from labkit.scheduler.analysis.shares import ONE, compared_to_one, total
 from labkit.scheduler.analysis.verdict import Budget, Verdict
-from labkit.scheduler.checks import whole
 from labkit.scheduler.tasksets import PeriodicTask, check_names
 
 
