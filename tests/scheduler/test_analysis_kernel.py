@@ -11,12 +11,16 @@ from labkit.trace.kinds import CODE
 TICK = 20
 
 
-def run(task_list, until, costs=Costs(), offsets=None):
+NO_COSTS = Costs()
+
+
+def run(task_list, until, costs=NO_COSTS, offsets=None):
     """Periodic tasks that use all of their wcet; the time of each job's last cycle, less its release, longest for each task."""
     kernel = Kernel(cpu_hz=1000 * TICK, priorities=len(task_list) + 1, costs=costs)
     for i, task in enumerate(task_list):
+        first = (offsets or {}).get(task.name, 0)
 
-        def body(os, task=task, offset=(offsets or {}).get(task.name, 0)):
+        def body(os, task=task, offset=first):
             if offset:
                 yield os.delay_until(offset)
             while True:

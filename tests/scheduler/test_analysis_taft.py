@@ -32,7 +32,8 @@ def simulate(pair_list, until, needs):
     """
     end = until + 3 * max(p.period for p in pair_list)
     jobs = [
-        dict(pair=i, release=r, due=r + p.deadline, ecet=p.ecet, need=needs(i, k), had=0, ep=p.ep_wcet, state="main")
+        {"pair": i, "release": r, "due": r + p.deadline, "ecet": p.ecet, "need": needs(i, k), "had": 0, "ep": p.ep_wcet}
+        | {"state": "main"}
         for i, p in enumerate(pair_list)
         for k, r in enumerate(range(p.offset, end, p.period))
     ]
@@ -85,7 +86,7 @@ def test_period_test_is_equation_4_6():
     verdict = taft_period_test(pairs((4, 1, 20), (8, 1, 20), (6, 1, 20)))
     assert not verdict
     assert verdict.why.endswith("take 21 of the period 20, 1 too much")
-    with pytest.raises(ValueError, match="task 'p2': \\(4.6\\) is for pairs with the period, release and deadline of 'p1'"):
+    with pytest.raises(ValueError, match=r"task 'p2': \(4.6\) is for pairs with the period, release and deadline of 'p1'"):
         taft_period_test(pairs((1, 1, 5), (1, 1, 6)))
 
 
