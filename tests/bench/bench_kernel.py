@@ -55,7 +55,7 @@ FIVE = [1, 2, 3, 4, 5]  # ticks
 
 
 def in_steps(steps: int, seconds: int = 5) -> float:
-    """CPU seconds of simulating five tasks, the fastest once a millisecond, in so many calls of `advance`, and reading the trace."""
+    """CPU seconds of simulating five tasks, the fastest once a millisecond, in so many calls of `advance`, and one trace."""
     k = kernel_of(FIVE)
     end = seconds * k.cpu_hz
     begin = time.process_time()
