@@ -188,7 +188,7 @@ def _crowded(view: _View) -> dict[str, Table]:
 def _shares(view: _View, tasks: Sequence[str], paint: Sequence[str], dense: bool) -> list[Spec]:
     """The share of the time that each task runs, as a curve filled down to the foot of its row; empty where bars are drawn."""
     edges = np.linspace(view.low, view.high, COLUMNS + 1)
-    shares = view.history.occupancy.shares(edges) if dense else np.empty((0, 0))
+    shares = view.history.shares(edges) if dense else np.empty((0, 0))
     row_of = {row: task for task, row in view.rows.items()}
     drawn = []
     for row in range(len(tasks)):
