@@ -36,8 +36,8 @@ COUNTS = (
     "uncached",
 )
 WRITE_POLICIES = ("write-back", "write-through")
-#: One set: (index, line) of its accesses, which of all accesses may allocate (None: all), ways, where to mark the misses -> the
-#: lines it holds at the end.
+#: One set: (index, tag) of its accesses, which of all accesses may allocate (None: all), ways, where to mark the misses -> the
+#: tags it holds at the end.
 SetLoop = Callable[[Iterable[tuple[int, int]], "list[bool] | None", int, bytearray], Iterable[int]]
 MOST_TOUCHED = 10_000_000  # lines; counting them takes half a minute at worst and 2 GB
 _MOST_LEVELS = 16  # ways up to which the LRU stack is unrolled level by level
@@ -224,13 +224,15 @@ def _lru_levels(line: np.ndarray, geometry: Geometry) -> tuple[np.ndarray, np.nd
 
 def _loop_by_set(line: np.ndarray, allocates: np.ndarray, geometry: Geometry, run: SetLoop) -> tuple[np.ndarray, np.ndarray]:
     """Run one set after the other through `run`: indices of the misses, and the lines held at the end."""
-    index = line & (geometry.sets - 1)
+    index, tag = line & (geometry.sets - 1), line // geometry.sets
     bounds = [0, *(np.flatnonzero(index[1:] != index[:-1]) + 1).tolist(), len(line)]
-    lines, allowed = line.tolist(), None if allocates.all() else allocates.tolist()
-    missed = bytearray(len(lines))  # marks, as a list of a million indices costs more than the loop
+    lowest, allowed = int(tag.min()), None if allocates.all() else allocates.tolist()
+    tags = (tag - lowest).tolist()  # Python has the integers up to 256 ready, and finds the same object in a dict at once
+    missed = bytearray(len(tags))  # marks, as a list of a million indices costs more than the loop
     resident: list[int] = []
     for start, stop in pairwise(bounds):
-        resident += run(enumerate(lines[start:stop], start), allowed, geometry.ways, missed)
+        held = run(enumerate(tags[start:stop], start), allowed, geometry.ways, missed)
+        resident += [(number + lowest) * geometry.sets + int(index[start]) for number in held]
     return np.flatnonzero(np.frombuffer(missed, bool)), np.array(resident, dtype=line.dtype)
 
 
