@@ -3,7 +3,14 @@
 from __future__ import annotations
 
 from operator import index
+from reprlib import Repr
 from typing import Any
+
+#: The bound where no other is known: beyond it, sums of times would not fit 64 bits.
+UNBOUNDED = 1 << 62
+
+_SHORT = Repr()
+_SHORT.maxstring = _SHORT.maxother = _SHORT.maxlong = 80
 
 
 def whole(number: Any, least: int, what: str, most: int | None = None) -> int:
@@ -19,7 +26,18 @@ def whole(number: Any, least: int, what: str, most: int | None = None) -> int:
     except TypeError:
         found = None
     if found is None or found < least or (most is not None and found > most):
-        shown = number if found is None else found  # a numpy integer as its plain value
-        allowed = f"of at least {least}" if most is None else f"from {least} to {most}"
-        raise ValueError(f"{what} is {shown!r}; a whole number {allowed} is allowed")
+        raise ValueError(f"{what} is {shown(number if found is None else found)}; {whole_words(least, most)} is allowed")
     return found
+
+
+def whole_words(least: int, most: int | None) -> str:
+    """The numbers that are allowed, in words."""
+    if most is None:
+        return f"a whole number of at least {least}"
+    bounds = [{UNBOUNDED: "2**62", -UNBOUNDED: "-2**62"}.get(bound, bound) for bound in (least, most)]
+    return f"a whole number from {bounds[0]} to {bounds[1]}"
+
+
+def shown(value: Any) -> str:
+    """A value for an error message: its repr, in one line and cut short."""
+    return _SHORT.repr(value)

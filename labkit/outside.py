@@ -10,19 +10,17 @@ import json
 import os
 import unicodedata
 from collections.abc import Iterator, Mapping
-from reprlib import Repr
 from typing import Annotated, Any, NoReturn, TypeVar, get_args
 
 from pydantic import AfterValidator, BaseModel, Field, ValidationError
 from pydantic.fields import FieldInfo
 
+from labkit.checks import UNBOUNDED, shown, whole_words
+
 #: Largest file of JSON or chain CSV that is read; one of this size takes below half a gigabyte of memory.
 MOST_BYTES = 8 << 20
 
 Model = TypeVar("Model", bound=BaseModel)
-
-_SHORT = Repr()
-_SHORT.maxstring = _SHORT.maxother = _SHORT.maxlong = 80
 
 
 def _printable(name: str) -> str:
@@ -39,36 +37,15 @@ Name = Annotated[
 ]
 
 
-#: The bound where no other is known: beyond it, sums of times would not fit 64 bits.
-UNBOUNDED = 1 << 62
-
-
-def whole(least: int, most: int = UNBOUNDED) -> Any:
+def a_whole(least: int, most: int = UNBOUNDED) -> Any:
     """Declares that a field is a whole number from `least` to `most`, both included; true, 2.0 and "2" are none."""
-    return Field(strict=True, ge=least, le=most, description=_whole_number(least, most))
+    return Field(strict=True, ge=least, le=most, description=whole_words(least, most))
 
 
 def a_list(of: str, most: int, least: int = 0) -> Any:
     """Declares that a field is a list of `least` to `most` entries; `of` says what they are."""
     words = f"a list of {f'{least} to {most}' if least else f'at most {most}'} {of}"
     return Field(min_length=least, max_length=most, fail_fast=True, description=words)
-
-
-def whole_number(value: Any, least: int, most: int, what: str) -> int:
-    """`value` as what `whole` declares, checked where no model can know the bounds; ValueError names `what`."""
-    if not isinstance(value, int) or isinstance(value, bool) or not least <= value <= most:
-        raise ValueError(f"{what} is {shown(value)}; {_whole_number(least, most)} is allowed")
-    return value
-
-
-def _whole_number(least: int, most: int) -> str:
-    bounds = [{UNBOUNDED: "2**62", -UNBOUNDED: "-2**62"}.get(bound, bound) for bound in (least, most)]
-    return f"a whole number from {bounds[0]} to {bounds[1]}"
-
-
-def shown(value: Any) -> str:
-    """A value for an error message: its repr, in one line and cut short."""
-    return _SHORT.repr(value)
 
 
 def one_line(text: str) -> str:

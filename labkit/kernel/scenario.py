@@ -14,11 +14,12 @@ from typing import Annotated, Any, Literal, TextIO
 import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
+from labkit.checks import shown, whole
 from labkit.kernel.kernel import Kernel
 from labkit.kernel.objects import FOREVER, Mutex, Queue, Semaphore
 from labkit.kernel.requests import Services
 from labkit.kernel.run import Run
-from labkit.outside import Name, a_list, checked, read_json, shown, whole, whole_number
+from labkit.outside import Name, a_list, a_whole, checked, read_json
 from labkit.trace import ISR_OPS, KINDS, STATES, runs
 
 #: The longest run of a scenario, and the most events of it: some ten seconds, 200 MB.
@@ -54,17 +55,17 @@ class ObjectSpec(_Data):
         Literal["binary", "counting", "mutex", "recursive", "queue"],
         Field(description="one of binary, counting, mutex, recursive, queue"),
     ]
-    length: Annotated[int, whole(1)] = 1
-    init: Annotated[int | None, whole(0)] = None
+    length: Annotated[int, a_whole(1)] = 1
+    init: Annotated[int | None, a_whole(0)] = None
 
 
 class InterruptSpec(_Data):
     """A device interrupt at a tick: one of ISR_OPS on a target, with a value to send."""
 
-    tick: Annotated[int, whole(1)]
+    tick: Annotated[int, a_whole(1)]
     op: Annotated[Literal["notify_give", "give", "send", "resume"], Field(description=f"one of {', '.join(ISR_OPS)}")]
     target: Any = None
-    value: Annotated[int, whole(-FOREVER)] = 0
+    value: Annotated[int, a_whole(-FOREVER)] = 0
 
 
 class _Task(_Data):
@@ -81,14 +82,14 @@ class _Config(_Data):
     tickless: _Off = 0
     timers: _Off = 0
     cores: _On = 1
-    max_priorities: Annotated[int, whole(2, 64)] = 8
-    time_slicing: Annotated[int, whole(0, 1)] = 1
+    max_priorities: Annotated[int, a_whole(2, 64)] = 8
+    time_slicing: Annotated[int, a_whole(0, 1)] = 1
 
 
 class _File(_Data):
     name: Any = "scenario"
     config: _Config = _Config()
-    end_tick: Annotated[int, whole(1, LAST_TICK)]
+    end_tick: Annotated[int, a_whole(1, LAST_TICK)]
     objects: Annotated[tuple[ObjectSpec, ...], a_list("objects", 1000)]
     tasks: Annotated[tuple[_Task, ...], a_list("tasks", 1000)]
     isr: Annotated[tuple[InterruptSpec, ...], a_list("interrupts", 100_000)] = ()
@@ -173,16 +174,16 @@ def read_scenario(source: Mapping[str, Any] | str | Path) -> Scenario:
 def _sound(data: ObjectSpec) -> ObjectSpec:
     """The object with its `init` settled; ValueError if its numbers do not fit its kind."""
     one = data.kind in ("binary", "mutex", "recursive")
-    whole_number(data.length, 1, 1 if one else FOREVER, f"object {data.name!r}: length")
+    whole(data.length, 1, f"object {data.name!r}: length", 1 if one else FOREVER)
     least, most = {"mutex": (1, 1), "recursive": (1, 1), "queue": (0, 0)}.get(data.kind, (0, data.length))
-    init = least if data.init is None else whole_number(data.init, least, most, f"object {data.name!r}: init")
+    init = least if data.init is None else whole(data.init, least, f"object {data.name!r}: init", most)
     return data.model_copy(update={"init": init})
 
 
 def _compiled(data: _Task, known: Mapping[str, str], lengths: Mapping[str, int], priorities: int) -> TaskSpec:
     whose, count = f"task {data.name!r}", len(data.program)
     if data.loop_from is not None:
-        whole_number(data.loop_from, 0, count - 1, f"{whose}: loop_from")
+        whole(data.loop_from, 0, f"{whose}: loop_from", count - 1)
     steps = []
     for at, step in enumerate(data.program):
         where = f"{whose}, step {at}"
@@ -198,7 +199,7 @@ def _compiled(data: _Task, known: Mapping[str, str], lengths: Mapping[str, int],
             raise ValueError(f"{where}: overwrite on queue {arguments[0]!r} of length {length}; only length 1 is allowed")
         skip = arguments.pop() if words and words[-1] == "skip" else 0
         steps.append((name, tuple(arguments), skip))
-    priority = whole_number(data.priority, 1, priorities - 1, f"{whose}: priority")
+    priority = whole(data.priority, 1, f"{whose}: priority", priorities - 1)
     return TaskSpec(data.name, priority, data.loop_from, tuple(steps))
 
 
@@ -206,18 +207,18 @@ def _argument(value: Any, word: str, where: str, known: Mapping[str, str], limit
     """One argument of a step, checked against its word in STEPS."""
     match word:
         case "ticks":
-            return whole_number(value, 0, FOREVER, f"{where}: ticks")
+            return whole(value, 0, f"{where}: ticks", FOREVER)
         case "period":
-            return whole_number(value, 1, FOREVER, f"{where}: period")
+            return whole(value, 1, f"{where}: period", FOREVER)
         case "timeout":
-            return None if value is None else whole_number(value, 0, FOREVER, f"{where}: timeout")
+            return None if value is None else whole(value, 0, f"{where}: timeout", FOREVER)
         case "skip":
-            return whole_number(value, 0, limits["skip"], f"{where}: skip")
+            return whole(value, 0, f"{where}: skip", limits["skip"])
         case "priority":
-            return whole_number(value, 1, limits["priority"], f"{where}: priority")
+            return whole(value, 1, f"{where}: priority", limits["priority"])
         case "item":
             named = isinstance(value, str) and value in ("seq", "last")
-            return value if named else whole_number(value, -FOREVER, FOREVER, f"{where}: item (or 'seq' or 'last')")
+            return value if named else whole(value, -FOREVER, f"{where}: item (or 'seq' or 'last')", FOREVER)
         case "clear":
             if value not in ("clear", "decrement"):
                 raise ValueError(f"{where}: {shown(value)} is not allowed; 'clear' or 'decrement' is")

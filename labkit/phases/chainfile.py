@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict
 
-from labkit.outside import Name, checked, read_text, whole
+from labkit.outside import Name, a_whole, checked, read_text
 from labkit.phases.windows import Part, phases_of
 
 #: A chain from a file has at most so many parts, and none takes longer: 31 years.
@@ -33,9 +33,9 @@ class _Row(BaseModel):
 
     phase: Name
     part: Name | None = None
-    ecet_ns: Annotated[int, whole(1, LONGEST_NS), BeforeValidator(_number)]
-    wcet_ep_ns: Annotated[int, whole(0, LONGEST_NS), BeforeValidator(_number)]
-    wcet_ns: Annotated[int | None, whole(1, LONGEST_NS), BeforeValidator(_number)] = None
+    ecet_ns: Annotated[int, a_whole(1, LONGEST_NS), BeforeValidator(_number)]
+    wcet_ep_ns: Annotated[int, a_whole(0, LONGEST_NS), BeforeValidator(_number)]
+    wcet_ns: Annotated[int | None, a_whole(1, LONGEST_NS), BeforeValidator(_number)] = None
 
 
 def read_chain(path: str | os.PathLike[str]) -> list[Part]:

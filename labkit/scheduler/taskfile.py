@@ -10,7 +10,8 @@ from typing import IO, Annotated, Any
 import numpy as np
 from pydantic import BaseModel, ConfigDict
 
-from labkit.outside import Name, a_list, checked, whole, whole_number
+from labkit.checks import whole
+from labkit.outside import Name, a_list, a_whole, checked
 from labkit.scheduler.jobs import LONGEST
 from labkit.scheduler.periodic import POLICIES, simulate
 from labkit.scheduler.tasksets import PeriodicTask, TaskPair, check_names, deadline_monotonic, rate_monotonic
@@ -36,13 +37,13 @@ class _Task(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     name: Name
-    period: Annotated[int, whole(1, LONGEST)]
-    deadline: Annotated[int | None, whole(1, LONGEST)] = None
-    offset: Annotated[int, whole(0, LONGEST)] = 0
-    times: Annotated[list[Annotated[int, whole(1, LONGEST)]] | None, a_list("execution times", 1_000_000, least=1)] = None
-    wcet: Annotated[int | None, whole(1, LONGEST)] = None
-    ecet: Annotated[int | None, whole(1, LONGEST)] = None
-    ep_wcet: Annotated[int | None, whole(0, LONGEST)] = None
+    period: Annotated[int, a_whole(1, LONGEST)]
+    deadline: Annotated[int | None, a_whole(1, LONGEST)] = None
+    offset: Annotated[int, a_whole(0, LONGEST)] = 0
+    times: Annotated[list[Annotated[int, a_whole(1, LONGEST)]] | None, a_list("execution times", 1_000_000, least=1)] = None
+    wcet: Annotated[int | None, a_whole(1, LONGEST)] = None
+    ecet: Annotated[int | None, a_whole(1, LONGEST)] = None
+    ep_wcet: Annotated[int | None, a_whole(0, LONGEST)] = None
 
 
 class _File(BaseModel):
@@ -128,7 +129,7 @@ def schedule(data: Any, policy: str, until: int, hz: int = 1000) -> tuple[dict[s
     on (see `schedule_rows`).
     """
     tasks = read_tasks(data, policy)
-    whole_number(until, 1, LONGEST, "the end of the schedule")
+    whole(until, 1, "the end of the schedule", LONGEST)
     all_tasks: list[PeriodicTask | TaskPair] = [*tasks.tasks, *tasks.pairs]
     count = sum(max(0, -((task.offset - until) // task.period)) for task in all_tasks)
     if count > MOST_JOBS:
