@@ -145,31 +145,37 @@ def _report_unpaired(stamps: Stamps, pairs: Pairs, names: list[str], problems: P
 
 def _trace(stamps: Stamps, pairs: Pairs, names: list[str], hz: int, several: bool) -> Trace:
     """Order the events of one instant, as `read_log` says, and find the enclosing name of each begin."""
-    count = len(stamps)
     start, stop = int(stamps.time[0]), int(stamps.time[-1])
     order = _order(stamps, pairs)
-    place = np.full(count + 1, -1, np.int32)
-    place[order] = np.arange(len(order), dtype=np.int32)
-    place[count] = len(order)
+    other = _enclosing(stamps, pairs, order, several).astype(np.int64)
+    kind = np.where(stamps.begin[order], CODE["begin"], CODE["end"])
+    value, extra = np.zeros(len(order), np.int64), np.zeros(len(order), np.int64)
+    task = stamps.name[order].astype(np.int64)
+    core = stamps.core[order].astype(np.int64) if several else None
+    return Trace(stamps.time[order], kind, task, other, value, extra, tuple(names), hz, start, stop, core=core)
 
+
+def _enclosing(stamps: Stamps, pairs: Pairs, order: np.ndarray, several: bool) -> np.ndarray:
+    """Per event of the trace the name that encloses what begins there, -1: none."""
+    count = len(order)
+    place = np.full(len(stamps), -1, np.int32)
+    place[order] = np.arange(count, dtype=np.int32)
     has_begin, has_end = pairs.begin >= 0, pairs.end >= 0
     owner = np.where(has_begin, pairs.begin, pairs.end)
-    name, core = stamps.name[owner], stamps.core[owner]
-    opened = np.where(has_begin, place[pairs.begin], -1)  # from here on in the final order
-    closed = np.where(has_end, place[np.where(has_end, pairs.end, count)], len(order))
-    begin = np.where(has_begin, stamps.time[pairs.begin], start)
-    end = np.where(has_end, stamps.time[pairs.end], stop)
-    other = np.full(len(order), -1)
+    name = stamps.name[owner]
+    opened = np.where(has_begin, place[pairs.begin], np.int32(-1))
+    closed = np.where(has_end, place[pairs.end], np.int32(count))
+    begin = np.where(has_begin, stamps.time[pairs.begin], stamps.time[0])
+    end = np.where(has_end, stamps.time[pairs.end], stamps.time[-1])
+    other = np.full(count, -1, np.int32)
+    core = stamps.core[owner]
+    del place, owner
     for each in np.unique(core):
-        mine = core == each
+        mine = np.flatnonzero(core == each) if several else slice(None)
         parent = nest(name[mine], opened[mine], closed[mine], begin[mine], end[mine]).parent
-        inner = parent >= 0
-        other[opened[mine][inner & has_begin[mine]]] = name[mine][parent[inner & has_begin[mine]]]
-    kind = np.where(stamps.begin[order], CODE["begin"], CODE["end"])
-    zeros = (np.zeros(len(order), np.int64) for _ in range(2))
-    task = stamps.name[order].astype(np.int64)
-    cores = stamps.core[order].astype(np.int64) if several else None
-    return Trace(stamps.time[order], kind, task, other, *zeros, tuple(names), hz, start, stop, core=cores)
+        inner = (parent >= 0) & has_begin[mine]
+        other[opened[mine][inner]] = name[mine][parent[inner]]
+    return other
 
 
 def _order(stamps: Stamps, pairs: Pairs) -> np.ndarray:
@@ -185,5 +191,5 @@ def _order(stamps: Stamps, pairs: Pairs) -> np.ndarray:
     rank[begun], tie[begun] = 2, -(count + 1)
     ended = pairs.end[pairs.begin < 0]
     tie[ended] = 1
-    kept = np.delete(np.arange(count), pairs.lost)
+    kept = np.delete(np.arange(count, dtype=np.int32), pairs.lost)
     return kept[np.lexsort((tie[kept], rank[kept], stamps.time[kept]))]

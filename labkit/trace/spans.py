@@ -93,6 +93,7 @@ def nest(name: np.ndarray, opened: np.ndarray, closed: np.ndarray, begin: np.nda
     inner = np.flatnonzero(level[opening] > 1)
     around = np.searchsorted(key, key[inner] - 2 * count) - 1  # the latest begin one level up
     parent[span[opening[inner]]] = span[opening[around]]
+    del key, inner, around
     own = end - begin
     np.subtract.at(own, parent[parent >= 0], (end - begin)[parent >= 0])
 

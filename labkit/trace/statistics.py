@@ -133,9 +133,9 @@ def describe(frame: pd.DataFrame) -> str:
     shown = frame.drop(columns=["self_mean", "self_max", "period_std"]).dropna(axis="columns", how="all")
     counts = ("count", "cut", "jobs", "aborts", "misses")
     shown = shown[[c for c in shown if c not in counts[1:] or shown[c].any()]]
-    layout = {c: "{:.0f}" if c in counts else "{:.2%}" if c == "share" else "{:.1f}" for c in shown}
+    layout = ["{:.0f}" if c in counts else "{:.2%}" if c == "share" else "{:.1f}" for c in shown]
     shown = shown.rename(index=lambda name: printable(name) if isinstance(name, str) else name)
-    text = shown.to_string(formatters={c: f.format for c, f in layout.items()}, index_names=False, na_rep="")
+    text = shown.to_string(formatters=[column.format for column in layout], index_names=False, na_rep="")
     note = "times in us, rate per second; percentiles are observed values; a max is the largest observed, not a guarantee"
     return f"{text}\n{note}"
 

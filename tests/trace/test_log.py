@@ -1,6 +1,8 @@
 """The reader of `<name> <microseconds> <0|1>` logs: published excerpts, every kind of damage, and fuzzing."""
 
 import io
+import tracemalloc
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +10,10 @@ import pytest
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
-from labkit.trace import LogError, read_log, spans
+from labkit.trace import LogError, log, read_log, spans, stamps
+from labkit.trace import report as report_
+from labkit.trace.report import Problems
+from labkit.trace.stamps import Reading
 
 LOGS = Path(__file__).parents[1] / "oracle" / "logs"
 
@@ -319,3 +324,107 @@ def test_a_published_log_with_any_edits(data):
         elif at + 1 < len(lines):
             lines[at] += lines.pop(at + 1)
     check(b"\n".join(lines), data.draw(st.sampled_from([None, 216e6])))
+
+
+# Several cores
+
+
+CORES = "f 0 1 0\ng 2 1 1\ng 6 0 1\nf 7 1 1\nf 9 0 1\nf 10 0 0\n"
+
+
+def test_a_fourth_field_is_the_core_and_spans_of_two_cores_do_not_nest():
+    trace, report = read_log(CORES)
+    assert trace.core.tolist() == [0, 1, 1, 1, 1, 0] and report.cores == 2 and "2 cores" in str(report)
+    assert trace.frame("begin")["other"].tolist() == [None, None, None] and not report.problems
+    assert spans(trace)["self"].tolist() == [10, 4, 2]
+
+
+def test_spans_of_one_core_nest_and_a_begin_and_an_end_on_different_cores_are_no_span():
+    trace, report = read_log("f 0 1 3\ng 2 1 3\ng 6 0 3\nf 7 0 3\nh 8 1 3\nh 9 0 2\n")
+    assert trace.frame("begin")["other"].tolist() == [None, "f", None]
+    assert problems(report) == [(5, "repaired"), (6, "repaired")]
+
+
+def test_in_a_log_of_several_cores_a_stamp_without_one_is_rejected():
+    _, report = read_log(CORES + "f 11 1\nf 12 1 x\nf 13 1 1000\nf 14 1 12\nf 15 0 12\n")
+    assert problems(report) == [(7, "rejected"), (8, "rejected"), (9, "rejected")] and report.cores == 3
+    assert "<core>" in report.problems[0].what
+
+
+def test_one_damaged_line_does_not_make_cores():
+    trace, report = read_log("a 1 1\na 2 0\nb 3 1 0\nb 4 0\na 5 1\na 6 0\n")
+    assert trace.core is None and report.cores == 1 and len(trace) == 6
+
+
+# Size
+
+
+def test_a_block_read_at_once_and_line_by_line_is_the_same():
+    for text in ("a 1 1\nb 2 1\nb 3 0", CORES.rstrip("\n"), "ä 999 1\nb 2 0"):
+        lines = text.split("\n")
+        readings = [Reading(stamps.LONGEST, "", Problems(), several=text.startswith("f")) for _ in range(2)]
+        quick, careful = stamps._quickly(lines, readings[0]), stamps._carefully(lines, readings[1])
+        assert [column.tolist() for column in quick.columns()] == [column.tolist() for column in careful.columns()]
+        assert readings[0] == readings[1]
+
+
+BLOCKS = st.lists(
+    st.sampled_from(["a 1 1", "b 2 0", "a  3 1", "# a 1", "", "a 1 2", " a 1 1", "x\t1 1", "\u0663 1 1", "a \u0663 1"])
+)
+
+
+@given(BLOCKS.filter(len))
+def test_whatever_is_read_at_once_is_read_as_line_by_line(lines):
+    readings = [Reading(stamps.LONGEST, "", Problems()) for _ in range(2)]
+    quick, careful = stamps._quickly(lines, readings[0]), stamps._carefully(lines, readings[1])
+    if quick is not None:
+        assert [column.tolist() for column in quick.columns()] == [column.tolist() for column in careful.columns()]
+        assert readings[0].names == readings[1].names and not readings[1].problems.kept
+    else:
+        assert lines != ["a 1 1"]
+
+
+def test_a_log_in_many_blocks_is_the_log_in_one(monkeypatch):
+    text = "".join(f"n{i % 7} {i} {i // 7 % 2}\r\n" for i in range(700)) + "end 999 1"
+    whole = read_log(text)
+    monkeypatch.setattr(stamps, "_BLOCK", 50)
+    for source in (text, text.encode(), text.encode("utf-16")):
+        trace, report = read_log(source)
+        assert (trace.rows() == whole[0].rows()).all() and report == whole[1]
+
+
+def test_a_log_beyond_the_limits_is_told(monkeypatch):
+    monkeypatch.setattr(stamps, "MOST_BYTES", 3 << 20)
+    with pytest.raises(LogError, match=r"^text: longer than 3 MiB, the most that is read; cut the log into pieces$"):
+        read_log(b"a 1 1\na 2 0\n" * 300_000)
+    monkeypatch.setattr(stamps, "MOST_NAMES", 3)
+    with pytest.raises(LogError, match="'n3' is name number 4; a log has at most 3"):
+        read_log("".join(f"n{i} 1 1\n" for i in range(9)))
+
+
+def test_endless_problems_are_counted_and_the_first_are_told(monkeypatch):
+    monkeypatch.setattr(log, "MOST_TOLD", 5)
+    monkeypatch.setattr(report_, "MOST_TOLD", 5)
+    _, report = read_log("a 1 1\n" + "junk\n" * 30 + "b 2 1\n" * 30 + "a 1 1\n" * 20)
+    assert (report.rejected, report.moved_lines) == (30 + 30 - 1 + 20, 20) and accounts_for_every_line(report)
+    assert report.moved == (62, 63, 64, 65, 66) and len(report.problems) <= 15
+
+
+def test_a_large_log_takes_a_few_times_its_size(monkeypatch):
+    monkeypatch.setattr(stamps, "_BLOCK", 1 << 16)
+    text = "".join(f"task{i % 6} {i * 7} 1\ntask{i % 6} {i * 7 + 5} 0\n" for i in range(60_000)).encode()
+    tracemalloc.start()
+    try:
+        trace, _ = read_log(BytesIO(text))
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert len(trace) == 120_000 and peak < 9 * len(text)  # with lists of Python numbers it were 26 times
+
+
+def test_names_of_files_reach_no_line_raw(tmp_path):
+    path = tmp_path / "a\r\nb.log"
+    path.write_text("a 1 1\na 2 0\n")
+    assert "\r" not in str(read_log(path)[1]) and "\n" not in read_log(path)[1].source
+    with pytest.raises(LogError, match=r"^[^\n\r]+$"):
+        read_log(str(tmp_path / "no\rsuch.log"))
