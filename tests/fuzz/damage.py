@@ -87,9 +87,9 @@ def damaged_npz(rng: random.Random, samples: list[bytes]) -> bytes:
                 arrays[name] = array.astype(
                     rng.choice(("float64", "int8", "uint64", "U4", "O", "complex64", "M8[s]", "bool", "V3"))
                 )
-            case 1:
+            case 1 if array.size:
                 arrays[name] = array.reshape(rng.choice(((1, -1), (-1, 1), (-1,))))
-            case 2:
+            case 2 if array.ndim:
                 arrays[name] = array[: rng.randrange(3)]
             case 3:
                 del arrays[name]

@@ -24,7 +24,7 @@ from labkit.kernel import Kernel, read_scenario, run_scenario, write_events, wri
 from labkit.outside import read_json
 from labkit.phases import read_chain, windows
 from labkit.scheduler import schedule, write_schedule
-from labkit.trace import export_csv, read_csv, read_log, statistics
+from labkit.trace import Trace, export_csv, export_npz, read_csv, read_log, read_npz, statistics
 
 HERE = Path(__file__).parent
 _spec = importlib.util.spec_from_file_location("damage", HERE / "damage.py")
@@ -73,7 +73,7 @@ def limited(what: object) -> Iterator[None]:
         signal.signal(signal.SIGALRM, before)
 
 
-def csv_traces() -> list[bytes]:
+def traces() -> list[Trace]:
     k = Kernel(cpu_hz=1000, tick_hz=1000)
     lock = k.mutex("lock")
 
@@ -86,8 +86,12 @@ def csv_traces() -> list[bytes]:
 
     k.task("A", body, 2, deadline=5)
     k.task("B", body, 1)
+    return [k.run(30).trace, schedule(TASKS, "taft", 20)[1]]
+
+
+def csv_traces() -> list[bytes]:
     made = []
-    for trace in (k.run(30).trace, schedule(TASKS, "taft", 20)[1]):
+    for trace in traces():
         file = io.StringIO(newline="")
         export_csv(trace, file)
         made.append(file.getvalue().encode())
@@ -95,6 +99,15 @@ def csv_traces() -> list[bytes]:
 
 
 def npz_traces() -> list[bytes]:
+    made = []
+    for trace in traces():
+        file = io.BytesIO()
+        export_npz(trace, file)
+        made.append(file.getvalue())
+    return made
+
+
+def references() -> list[bytes]:
     made = []
     for save in (np.savez, np.savez_compressed):
         file = io.BytesIO()
@@ -106,6 +119,11 @@ def npz_traces() -> list[bytes]:
 
 def read(folder: Path, *names: str) -> list[bytes]:
     return [(folder / name).read_bytes() for name in names]
+
+
+def logs() -> list[bytes]:
+    recorded = sorted((ORACLE / "logs").glob("*.log"))
+    return [*(path.read_bytes() for path in recorded), b"a 1 1 0\nb 2 1 1\na 3.5 0 0\nb 9 0 1\n"]
 
 
 def take_log(path):
@@ -128,12 +146,13 @@ def take_tasks(path):
 
 SCENARIOS = ("02_inversion_mutex.json", "07e_send_front_order.json", "08c_notify_timeout_and_task_give.json")
 READERS = {
-    "log": (damage.damaged, lambda: read(ORACLE / "logs", *(f.name for f in (ORACLE / "logs").glob("*.log"))), take_log),
+    "log": (damage.damaged, logs, take_log),
     "csv trace": (damage.damaged, csv_traces, lambda path: statistics(read_csv(path))),
     "scenario": (damage.damaged_json, lambda: read(ORACLE / "freertos", *SCENARIOS), take_scenario),
     "tasks": (damage.damaged_json, lambda: [json.dumps(TASKS).encode()], take_tasks),
     "chain": (damage.damaged, lambda: [CHAIN.encode()], lambda path: windows(read_chain(path), 50_000_000)),
-    "references": (damage.damaged_npz, npz_traces, read_trace),
+    "npz trace": (damage.damaged_npz, npz_traces, lambda path: statistics(read_npz(path))),
+    "references": (damage.damaged_npz, references, read_trace),
 }
 
 
@@ -195,7 +214,7 @@ def test_a_command_line_runs_or_says_what_is_wrong(command, batch, tmp_path, mon
         "board.log": (ORACLE / "logs" / "xu2025_listing37_5000_2000hz.log").read_bytes(),
         "scenario.json": (ORACLE / "freertos" / SCENARIOS[0]).read_bytes(),
         "tasks.json": json.dumps(TASKS).encode(),
-        "data.npz": npz_traces()[0],
+        "data.npz": references()[0],
         "chain.csv": CHAIN.encode(),
     }
     ended = {0: 0, 1: 0, 2: 0}
