@@ -1,0 +1,185 @@
+"""How the stamps get out of the board: the temp buffer, the task `profile`, the ring, the task `tsink`, DMA and UART (S4, S5).
+
+A switch of tasks leaves two stamps in a buffer of 512. Every 10 ms `profile` makes a line of each and writes it into the ring
+under a mutex; `tsink` looks at the ring every millisecond and hands what is there to the DMA, in two pieces where it wraps. The
+read index advances only when all of that has gone out, so room comes back in bursts.
+
+Here the ring is counted in bytes, as part of the kernel model; which interleavings of its accesses are wrong is the subject of
+`labkit.sink`. Simplified: stamps that come while `profile` prints wait for its next round, as with two buffers; a line is as long
+as its text would be, but holds none.
+"""
+
+from __future__ import annotations
+
+from array import array
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from labkit.kernel import Kernel
+from labkit.trace import CODE, Trace
+
+SWITCH = CODE["switch"]
+BITS_PER_BYTE = 10  # on the UART: start, eight data bits, stop
+COPY = 4  # cycles per byte written into the ring, under the mutex; the rest of a line's cost is its formatting
+FIXED = {"record": 8, "word": 4}  # bytes of a stamp; a text line depends on its name and time
+
+
+@dataclass(frozen=True)
+class TracePath:
+    """Parameters of the trace path.
+
+    Attributes:
+        baud: of the link. The source does not state it; its public branches set 115200, 1152000 and 2000000.
+        form: lines of text, records of 8 bytes, words of 4.
+        stamp: cycles that `profile` needs per stamp.
+        look: cycles of `tsink` each time it runs.
+        when_full: `profile` waits and tries again after 1 ms, or drops what does not fit.
+        buffer: stamps that the temp buffer holds. capacity: bytes that the ring holds.
+        every: period of `profile` in ms.
+        batch: stamps that are written at a time. The firmware writes one; more of them give the same bytes and the same
+            processor time in fewer steps.
+    """
+
+    baud: int = 2_000_000
+    form: Literal["text", "record", "word"] = "text"
+    stamp: int = 2560
+    look: int = 650
+    when_full: Literal["wait", "drop"] = "wait"
+    buffer: int = 512
+    capacity: int = 2048
+    every: int = 10
+    batch: int = 1
+
+    def __post_init__(self) -> None:
+        least = {"baud": 1, "stamp": 0, "look": 1, "buffer": 1, "capacity": 64 * self.batch, "every": 1, "batch": 1}
+        for name, allowed in least.items():
+            if getattr(self, name) < allowed:
+                raise ValueError(f"trace path: {name} = {getattr(self, name)} is not allowed; allowed is {allowed} or more")
+
+
+class Sink:
+    """The ring and what became of the stamps; times in cycles.
+
+    Attributes:
+        written, read: bytes so far; the difference is the fill.
+        times, fills: when the fill changed, and to what.
+        rounds: of `profile`, four numbers each: its time, stamps taken over, stamps lost in the temp buffer, stamps dropped at the
+            ring in the round before.
+        on_air: begin and end of each DMA transfer, and its bytes.
+    """
+
+    def __init__(self, capacity: int):
+        self.capacity = capacity
+        self.written = self.read = 0
+        self.times, self.fills = array("q", [0]), array("q", [0])
+        self.rounds = array("q")
+        self.on_air = array("q")
+
+    @property
+    def fill(self) -> int:
+        return self.written - self.read
+
+    def put(self, now: int, size: int) -> None:
+        """Write `size` bytes; the caller has looked for room."""
+        self.written += size
+        self._note(now)
+
+    def taken(self, now: int, size: int) -> None:
+        """The read index advances."""
+        self.read += size
+        self._note(now)
+
+    def _note(self, now: int) -> None:
+        self.times.append(now)
+        self.fills.append(self.fill)
+
+    def pieces(self) -> list[int]:
+        """Sizes of the one or two contiguous pieces of what is in the ring."""
+        position = self.read % self.capacity
+        first = min(self.fill, self.capacity - position)
+        return [size for size in (first, self.fill - first) if size]
+
+    def table(self) -> np.ndarray:
+        """The rounds of `profile`, shape (n, 4)."""
+        return np.frombuffer(self.rounds, dtype=np.int64).reshape(-1, 4).copy()
+
+    def curve(self) -> tuple[np.ndarray, np.ndarray]:
+        """Times and fills as arrays."""
+        return np.frombuffer(self.times, dtype=np.int64).copy(), np.frombuffer(self.fills, dtype=np.int64).copy()
+
+    def transfers(self) -> np.ndarray:
+        """Begin, end and bytes of each transfer, shape (n, 3)."""
+        return np.frombuffer(self.on_air, dtype=np.int64).reshape(-1, 3).copy()
+
+
+def lines(trace: Trace, first: int, form: str) -> np.ndarray:
+    """Bytes of each stamp of the switches from row `first` on: one for the task that stops, one for the task that starts.
+
+    `<name> <microseconds> <0|1>` and a line feed, or a fixed size.
+    """
+    rows = first + np.flatnonzero(trace.kind[first:] == SWITCH)
+    if form in FIXED:
+        return np.full(2 * len(rows), FIXED[form])
+    names = np.array([*map(len, trace.names), 0])
+    digits = np.char.str_len((trace.time[rows] * 1_000_000 // trace.hz).astype(str)) if len(rows) else rows
+    both = np.stack([names[trace.other[rows]], names[trace.task[rows]]], axis=1)
+    return (both + (digits + 4)[:, None]).ravel()
+
+
+def install(k: Kernel, path: TracePath) -> tuple[Sink, dict[str, Callable[[Any], Any]]]:
+    """The ring, and the bodies of `tsink` and `profile`."""
+    sink, lock = Sink(path.capacity), k.mutex("sink")
+    ms = max(1, k.cpu_hz // k.tick // 1000)  # in ticks
+    seen, dropped = 0, 0
+
+    def tsink(os: Any) -> Any:
+        me = next(task for task in k.tasks if task.name == "tsink")
+        while True:
+            pieces = sink.pieces()
+            for size in pieces:
+                yield path.look
+                duration = -(-size * BITS_PER_BYTE * k.cpu_hz // path.baud)
+                sink.on_air.extend((os.now, os.now + duration, size))
+                k.interrupt(os.now + duration, lambda isr: isr.notify_give(me))
+                yield os.notify_take()
+            if pieces:
+                sink.taken(os.now, sum(pieces))
+            else:
+                yield path.look
+                yield os.delay(ms)
+
+    def stamps() -> tuple[np.ndarray, int]:
+        """Sizes of the stamps in the temp buffer, and how many found no room there. Empties it."""
+        nonlocal seen
+        trace = k.trace
+        sizes, seen = lines(trace, seen, path.form), len(trace)
+        return sizes[: path.buffer], max(0, len(sizes) - path.buffer)
+
+    def profile(os: Any) -> Any:
+        nonlocal dropped
+        while True:
+            sizes, lost = stamps()
+            sink.rounds.extend((os.now, len(sizes), lost, dropped))
+            dropped = 0
+            for first in range(0, len(sizes), path.batch):
+                some = sizes[first : first + path.batch]
+                size = int(some.sum())
+                yield max(path.stamp * len(some) - COPY * size, 0)
+                while True:
+                    yield os.take(lock)
+                    if sink.capacity - sink.fill >= size:
+                        yield COPY * size
+                        sink.put(os.now, size)
+                        yield os.give(lock)
+                        break
+                    yield os.give(lock)
+                    if path.when_full == "drop":
+                        dropped += len(some)
+                        break
+                    yield os.delay(ms)
+            yield os.delay_until(path.every * ms)
+
+    return sink, {"tsink": tsink, "profile": profile}
