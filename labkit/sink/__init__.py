@@ -4,9 +4,32 @@
 """
 
 from labkit.sink.check import Check, check_sink, default_ring
+from labkit.sink.crc import crc32_mpeg2, crc32_mpeg2_bitwise, crc32_mpeg2_words
 from labkit.sink.explorer import BUDGET, VERDICTS
+from labkit.sink.frames import FRAME_BYTES, Reception, check_frame, encode_frame, pieces, read_frames, receptions
 from labkit.sink.history import Step
 from labkit.sink.ring import SCHEDULES, Ring
 from labkit.sink.variants import VARIANTS, Variant
 
-__all__ = ["BUDGET", "SCHEDULES", "VARIANTS", "VERDICTS", "Check", "Ring", "Step", "Variant", "check_sink", "default_ring"]
+__all__ = [
+    "BUDGET",
+    "FRAME_BYTES",
+    "SCHEDULES",
+    "VARIANTS",
+    "VERDICTS",
+    "Check",
+    "Reception",
+    "Ring",
+    "Step",
+    "Variant",
+    "check_frame",
+    "check_sink",
+    "crc32_mpeg2",
+    "crc32_mpeg2_bitwise",
+    "crc32_mpeg2_words",
+    "default_ring",
+    "encode_frame",
+    "pieces",
+    "read_frames",
+    "receptions",
+]

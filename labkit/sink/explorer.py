@@ -16,8 +16,8 @@ from labkit.sink.machine import Machine, State
 #: What a search can find out. "undecided": the budget was spent first, which is no verdict.
 VERDICTS = ("ok", "stale", "torn", "lost", "overwritten", "deadlock", "livelock", "assert", "undecided")
 
-#: States after which a search stops, if nothing else is said: about 200 MB and 10 s.
-BUDGET = 300_000
+#: States after which a search stops, if nothing else is said: about 200 MB and 10 s at most.
+BUDGET = 500_000
 
 MOST_BUDGET = 20_000_000
 

@@ -20,7 +20,8 @@ class Ring:
         producers, messages, bytes: each producer writes so many messages of so many bytes.
         capacity: slots.
         modulus: the indices count modulo this (2**32 on the target; small, so that they come around here). They start one
-            below it, so that they wrap after the first element.
+            below it, so that they wrap after the first element. With one up to the
+            capacity a full ring looks like an empty one.
         dma: a DMA reads the slots, in up to two contiguous chunks, and notifies the consumer, instead of the consumer itself.
     """
 
@@ -36,8 +37,7 @@ class Ring:
         whole(self.messages, 1, "the number of messages of each producer", MOST_MESSAGES)
         whole(self.bytes, 1, "the number of bytes of a message", MOST_BYTES)
         whole(self.capacity, 1, "the capacity of the ring", MOST_CAPACITY)
-        what = f"the modulus of the indices of a ring of {self.capacity} (with less, full would look like empty)"
-        whole(self.modulus, self.capacity + 1, what, 1 << 32)
+        whole(self.modulus, 2, "the modulus of the indices", 1 << 32)
 
     @property
     def start(self) -> int:
