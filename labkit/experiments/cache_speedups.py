@@ -32,6 +32,7 @@ from labkit.figures import (
     curves,
     dumbbells,
     factors,
+    key,
     stack,
     stacked,
 )
@@ -407,19 +408,22 @@ class Explanations(Experiment[Explanation]):
             Curve("caches on", at, [s[2] for s in result.slopes], GREEN),
         ]
         notes = [
-            {"text": text, "x": x, "y": y, "xanchor": side, "yanchor": anchor, "font": {"color": colour, "size": FONT}}
-            for text, x, y, side, anchor, colour in (
-                ("<b>caches off</b>", 0.2, lines[2].y[0], "left", "top", BLUE),
-                ("<b>caches on</b>", 0.2, lines[3].y[0], "left", "top", GREEN),
-                ("never cold", 3, lines[0].y[3], "right", "bottom", INK),
-            )
+            {
+                "text": f"<b> {line.name}</b>",
+                "x": 7.2,
+                "y": line.y[-1],
+                "xanchor": "left",
+                "font": {"color": line.colour, "size": FONT},
+            }
+            for line in lines[2:]
         ]
+        warm = key("caches never cold", type="scatter", mode="lines", line={"color": GREY, "width": 3, "dash": "dash"})
         time = axis("time of one job at 216 MHz [us]", range=[0, 1.1 * max(result.target[0], result.off.total) / us])
         panels = [
             stacked(bars, PARTS, time),
             curves(
                 lines,
-                axis("flash wait states (216 MHz needs 7)"),
+                axis("flash wait states (216 MHz needs 7)", range=[-0.3, 9.4], tickvals=at),
                 axis("cycles of one job", rangemode="tozero"),
                 points=[(7, t / JOBS) for t in result.target],
                 legend=False,
@@ -427,7 +431,7 @@ class Explanations(Experiment[Explanation]):
                 left=110,
             ),
         ]
-        return stack(panels, height=450, barmode="stack", keys=["measured (source 1)"])
+        return stack(panels, height=450, barmode="stack", keys=["measured (source 1)", warm])
 
     def metrics(self, result: Explanation) -> list[Metric]:
         work, possible = result.work, result.balance >= 0

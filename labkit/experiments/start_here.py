@@ -20,10 +20,10 @@ HORIZON, SHOWN = 240, 80  # ms simulated, where the least common multiple of the
 
 @dataclass(frozen=True)
 class Schedule:
-    """The simulation, with the longest response seen and the bound computed for each task, in ms (None: it overloads)."""
+    """The simulation, with the longest response seen and the bound computed for each task, in ms (None: no job ended; it overloads)."""
 
     run: Run
-    longest: dict[str, float]
+    longest: dict[str, float | None]
     bound: dict[str, float | None]
 
 
@@ -72,10 +72,11 @@ class ThreeTasks(Experiment[Schedule]):
         return Schedule(run, self._longest(run), {name: None if r is None else r / 1000 for name, r in bounds.items()})
 
     @staticmethod
-    def _longest(run: Run) -> dict[str, float]:
+    def _longest(run: Run) -> dict[str, float | None]:
         found = jobs(run.trace)
-        response = {name: found.response[found.task == run.trace.code(name)] for name in PRIORITY}
-        return {name: float(times.max(initial=0)) * 1e3 / run.trace.hz for name, times in response.items()}
+        ended = found.response >= 0
+        response = {name: found.response[ended & (found.task == run.trace.code(name))] for name in PRIORITY}
+        return {name: float(times.max()) * 1e3 / run.trace.hz if len(times) else None for name, times in response.items()}
 
     def figure(self, result: Schedule) -> dict[str, Any]:
         trace = result.run.trace
@@ -101,7 +102,9 @@ class ThreeTasks(Experiment[Schedule]):
                     "ms",
                     bound=bound,
                     good=bound is not None and bound <= task.period / 1000,
-                    note=f"deadline {task.period // 1000} ms" + ("" if bound is not None else "; no bound: it overloads"),
+                    note=f"deadline {task.period // 1000} ms"
+                    + ("" if bound is not None else "; no bound: it overloads")
+                    + ("" if longest is not None else f"; no job ended in {HORIZON} ms"),
                 )
             )
         return found

@@ -4,12 +4,13 @@ from labkit.figures.cache_map import cache_map
 from labkit.figures.comparison import Bar, Factor, Pair, dumbbells, factors, stacked
 from labkit.figures.curves import Curve, curves
 from labkit.figures.gantt import gantt
+from labkit.figures.history import History
 from labkit.figures.lanes import Lane, Move, Span, lanes
 from labkit.figures.margins import Response, reserve, responses
 from labkit.figures.panel import Panel, stack
 from labkit.figures.phases import activity_stack, periods_gantt, plan, verdict_grid
 from labkit.figures.steps import Marks, Steps, priorities, steps
-from labkit.figures.style import BLUE, FONT, GREEN, GREY, INK, ORANGE, PALE, PURPLE, SKY, VERMILION, YELLOW, axis, colours
+from labkit.figures.style import BLUE, FONT, GREEN, GREY, INK, ORANGE, PALE, PURPLE, SKY, VERMILION, YELLOW, axis, colours, key
 
 __all__ = [
     "BLUE",
@@ -26,6 +27,7 @@ __all__ = [
     "Bar",
     "Curve",
     "Factor",
+    "History",
     "Lane",
     "Marks",
     "Move",
@@ -42,6 +44,7 @@ __all__ = [
     "dumbbells",
     "factors",
     "gantt",
+    "key",
     "lanes",
     "periods_gantt",
     "plan",

@@ -119,7 +119,7 @@ def verdict_grid(
         "showlegend": False,
         "marker": {"symbol": "square", "size": 34, "color": [PALE if k is None else GREEN if k else VERMILION for k in flat]},
         "text": ["–" if k is None else "✓" if k else f"{p}" for k, p in zip(flat, at, strict=True)],
-        "textfont": {"color": "white", "size": FONT},
+        "textfont": {"color": [INK if k is None else "white" for k in flat], "size": FONT},
         "hovertemplate": "%{customdata}<extra></extra>",
         "customdata": [f"{designs[r]}, G{c + 1}: {text}" for r, c, text in zip(y, x, words, strict=True)],
         "meta": {

@@ -39,7 +39,8 @@ class Marks:
 def steps(lines: Sequence[Steps], title: str, end: float, marks: Sequence[Marks] = (), **more: Any) -> Panel:
     """Step lines until `end` in ms, and points, over an axis with this title. `more` are other attributes of the `Panel`."""
     drawn = [_line(s, end) for s in lines] + [_points(m) for m in marks]
-    return Panel(drawn, axis(title, rangemode="tozero"), **more)
+    few = max((s.value.max(initial=0) for s in lines), default=0) <= 8  # a tick for each then, else plotly draws halves
+    return Panel(drawn, axis(title, rangemode="tozero", **({"dtick": 1} if few else {})), **more)
 
 
 def priorities(trace: Trace, base: Mapping[str, int], **more: Any) -> Panel:
