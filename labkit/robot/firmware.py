@@ -13,8 +13,8 @@ from typing import Any, Literal
 
 from labkit.kernel import Costs, Kernel
 from labkit.robot.control import PoseController, Smoother, Velocity, WheelController, duties
-from labkit.robot.mecanum import COUNTS, Pose, body_velocity, moved, wheel_speeds
-from labkit.robot.plant import Plant, increments
+from labkit.robot.mecanum import Pose, Wheels, body_velocity, moved, wheel_speeds
+from labkit.robot.plant import Body, Plant, added, angles
 from labkit.robot.rates import CPU_HZ, PERIODIC, RATES, Rates, execution, stamp_line
 from labkit.robot.trace_path import Sink, TracePath, install
 
@@ -42,7 +42,7 @@ CREATED = {
 }
 #: What the kernel takes in cycles. Not published: a switch is about the gap between two stamps of listings 37 and 38 (0.8 us).
 COSTS = Costs(tick=200, switch=150)
-RADIANS = 6.283185307179586 / COUNTS
+STILL: Wheels = (0.0, 0.0, 0.0, 0.0)
 
 Channel = Literal["overwrite", "accumulate", "positions", "queue"]
 CHANNELS: dict[str, str] = {
@@ -113,7 +113,7 @@ class Board:
     """
 
     kernel: Kernel
-    plant: Plant
+    plant: Body
     firmware: Firmware
     sink: Sink | None = None
     pose: Pose = (0.0, 0.0, 0.0)
@@ -133,7 +133,7 @@ class Board:
         self.kernel.interrupt(self.kernel.now, lambda isr: isr.notify_give(self.receiver))
 
 
-def build(firmware: Firmware, plant: Plant | None = None) -> Board:
+def build(firmware: Firmware, plant: Body | None = None) -> Board:
     """Tasks, queues and interrupts in a kernel that has not started. Raises ValueError for what the kernel refuses."""
     rates = firmware.rates
     k = Kernel(CPU_HZ, rates.tick_hz, priorities=56, costs=firmware.costs, time_slicing=firmware.time_slicing)
@@ -167,11 +167,12 @@ def control_tasks(board: Board) -> dict[str, Callable[[Any], Any]]:
     wheels = k.queue("vel_wheel_queue", 1)
 
     def hal_fetch(os: Any) -> Any:
-        old, total = (0, 0, 0, 0), (0.0, 0.0, 0.0, 0.0)
-        cycles, ticks, defect = work["hal_fetch"], period["hal_fetch"], firmware.wrap_defect
+        cycles, defect, pause = work["hal_fetch"], firmware.wrap_defect, os.delay_until(period["hal_fetch"])
+        take_back = os.receive(enc_odom, 0)
+        old, total = (0, 0, 0, 0), STILL
         while True:
             new = plant.counters(os.now)
-            delta = tuple(RADIANS * increments(n, o, defect) for n, o in zip(new, old, strict=True))
+            delta = angles(new, old, defect)
             old = new
             yield cycles
             yield os.send(enc_wheel, delta, 0)
@@ -180,63 +181,63 @@ def control_tasks(board: Board) -> dict[str, Callable[[Any], Any]]:
             elif channel == "queue":
                 yield os.send(enc_odom, delta, 0)
             elif channel == "positions":
-                total = tuple(t + d for t, d in zip(total, delta, strict=True))
+                total = added(total, delta)
                 yield os.overwrite(enc_odom, total)
-            else:  # what nobody has fetched is taken back and made part of the new one
-                unread = yield os.receive(enc_odom, 0)
-                yield os.overwrite(
-                    enc_odom, delta if unread is None else tuple(u + d for u, d in zip(unread, delta, strict=True))
-                )
-            if not (yield os.delay_until(ticks)):
+            else:  # what nobody has read is taken back and made part of the new one
+                unread = yield take_back
+                yield os.overwrite(enc_odom, delta if unread is None else added(unread, delta))
+            if not (yield pause):
                 late["hal_fetch"] += 1
 
     def odometry(os: Any) -> Any:
-        still = last = (0.0, 0.0, 0.0, 0.0)
-        cycles, ticks = work["odometry"], period["odometry"]
+        cycles, fetch, pause = work["odometry"], os.receive(enc_odom, 0), os.delay_until(period["odometry"])
+        last = STILL
         while True:
-            got = yield os.receive(enc_odom, 0)
+            got = yield fetch
             if channel == "overwrite":  # none there: the value of before once more
                 turned = last = last if got is None else got
             elif channel == "positions":
-                turned = still if got is None else tuple(g - b for g, b in zip(got, last, strict=True))
+                turned = STILL if got is None else added(got, last, -1)
                 last = last if got is None else got
             else:
-                turned = got or still
+                turned = STILL if got is None else got
                 while channel == "queue" and got is not None:
-                    got = yield os.receive(enc_odom, 0)
-                    turned = turned if got is None else tuple(t + g for t, g in zip(turned, got, strict=True))
+                    got = yield fetch
+                    turned = turned if got is None else added(turned, got)
             dx, dy, turn, _ = body_velocity(turned)
             board.pose = moved(board.pose, dx, dy, turn)
             board.seen += (dx * dx + dy * dy) ** 0.5
             yield cycles
             yield os.overwrite(poses, board.pose)
-            if not (yield os.delay_until(ticks)):
+            if not (yield pause):
                 late["odometry"] += 1
 
     def pose_ctrl(os: Any) -> Any:
         smoother = Smoother()
         controller = PoseController(seconds["pose_ctrl"], firmware.pose_control, firmware.pose_gain)
-        cycles, ticks = work["pose_ctrl"], period["pose_ctrl"]
+        cycles, pause = work["pose_ctrl"], os.delay_until(period["pose_ctrl"])
+        set_point, locate = os.receive(set_points, 0), os.receive(poses, 0)
         wanted, pose = (0.0, 0.0, 0.0), board.pose
         while True:
-            wanted = (yield os.receive(set_points, 0)) or wanted
-            pose = (yield os.receive(poses, 0)) or pose
+            wanted = (yield set_point) or wanted
+            pose = (yield locate) or pose
             vx, vy, omega = controller.command(smoother.step(wanted), pose)
             yield cycles
             yield os.overwrite(wheels, wheel_speeds(vx, vy, omega))
-            if not (yield os.delay_until(ticks)):
+            if not (yield pause):
                 late["pose_ctrl"] += 1
 
     def wheel_ctrl(os: Any) -> Any:
         controller = WheelController(seconds["wheel_ctrl"], firmware.wheel_control, firmware.wheel_gain)
-        cycles, ticks = work["wheel_ctrl"], period["wheel_ctrl"]
-        turned = wanted = (0.0, 0.0, 0.0, 0.0)
+        cycles, pause = work["wheel_ctrl"], os.delay_until(period["wheel_ctrl"])
+        fetch, set_point = os.receive(enc_wheel, 0), os.receive(wheels, 0)
+        turned = wanted = STILL
         while True:
-            turned = (yield os.receive(enc_wheel, 0)) or turned
-            wanted = (yield os.receive(wheels, 0)) or wanted
+            turned = (yield fetch) or turned
+            wanted = (yield set_point) or wanted
             yield cycles
             plant.drive(os.now, duties(controller.command(wanted, turned)))
-            if not (yield os.delay_until(ticks)):
+            if not (yield pause):
                 late["wheel_ctrl"] += 1
 
     def recv_vel(os: Any) -> Any:

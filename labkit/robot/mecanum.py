@@ -20,7 +20,7 @@ Pose = tuple[float, float, float]  # x, y in mm, heading in rad within (-pi, pi]
 
 
 def wheel_speeds(vx: float, vy: float, omega: float, slip: float = 0.0) -> Wheels:
-    """Wheel speeds in rad/s of a body velocity (mm/s forward, mm/s to the left, rad/s); `slip` is what no body velocity explains."""
+    """Wheel speeds in rad/s of a body velocity (mm/s forward, mm/s to the left, rad/s) and a slip no body velocity explains."""
     turn = LEVER * omega
     return (
         (vx + vy + turn + slip) / RADIUS,

@@ -12,6 +12,7 @@ from labkit.robot.mecanum import COUNTS, TOP_SPEED, Pose, Wheels, body_velocity,
 
 COUNTER = 1 << 16  # encoder counters have 16 bits
 PER_RADIAN = COUNTS / tau
+Counters = tuple[int, int, int, int]
 
 
 class Plant:
@@ -63,7 +64,7 @@ class Plant:
         p, q, r, s = self.gains
         self.target = (TOP_SPEED * a * p, TOP_SPEED * b * q, TOP_SPEED * c * r, TOP_SPEED * d * s)
 
-    def counters(self, now: int) -> tuple[int, int, int, int]:
+    def counters(self, now: int) -> Counters:
         """What the encoder counters show at cycle `now`, 0 to 65535."""
         self.advance(now)
         a, b, c, d = self.angle
@@ -73,6 +74,44 @@ class Plant:
             floor(c * PER_RADIAN) % COUNTER,
             floor(d * PER_RADIAN) % COUNTER,
         )
+
+
+class Bench:
+    """A robot on blocks, its wheels in the air and its motors off: for schedules in which nobody looks at the way."""
+
+    pose: Pose = (0.0, 0.0, 0.0)
+    way = 0.0
+
+    def advance(self, now: int) -> None:
+        pass
+
+    def drive(self, now: int, duties: Wheels) -> None:
+        pass
+
+    def counters(self, now: int) -> Counters:
+        return (0, 0, 0, 0)
+
+
+Body = Plant | Bench
+
+
+def angles(new: Counters, old: Counters, defect: bool) -> Wheels:
+    """Angles in rad that the wheels have turned between two readings; `defect`: see `increments`."""
+    if new == old:
+        return (0.0, 0.0, 0.0, 0.0)
+    (a, b, c, d), (p, q, r, s) = new, old
+    return (
+        increments(a, p, defect) / PER_RADIAN,
+        increments(b, q, defect) / PER_RADIAN,
+        increments(c, r, defect) / PER_RADIAN,
+        increments(d, s, defect) / PER_RADIAN,
+    )
+
+
+def added(first: Wheels, second: Wheels, factor: int = 1) -> Wheels:
+    """first + factor * second."""
+    (a, b, c, d), (p, q, r, s) = first, second
+    return a + factor * p, b + factor * q, c + factor * r, d + factor * s
 
 
 def increments(new: int, old: int, defect: bool) -> int:

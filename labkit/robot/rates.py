@@ -16,7 +16,7 @@ PUBLISHED_NAMES = {"pose_ctrl": "pose_control"}
 
 @dataclass(frozen=True)
 class Rates:
-    """A tick, and the periods of the fast tasks (encoder fetch, wheel control) and slow ones (odometry, pose control) in ticks."""
+    """A tick, and the periods in ticks of the fast tasks (encoder fetch, wheel control) and the slow ones (odometry, pose)."""
 
     tick_hz: int
     fast: int
@@ -49,7 +49,8 @@ def rates(fast_hz: int, slow_hz: int, tick_hz: int) -> Rates:
     for hz in (fast_hz, slow_hz):
         if hz < 1 or tick_hz % hz:
             raise ValueError(
-                f"a task at {hz} Hz under a tick of {tick_hz} Hz; allowed are rates that divide the tick, as a delay counts whole ticks"
+                f"a task at {hz} Hz under a tick of {tick_hz} Hz; allowed are rates that divide the tick, "
+                "because a delay counts whole ticks"
             )
     return Rates(tick_hz, tick_hz // fast_hz, tick_hz // slow_hz)
 
@@ -62,7 +63,7 @@ def _means(caches: bool, recording: str) -> dict[str, tuple[float, float]]:
     rows = table[
         (table["platform"] == "FreeRTOS") & (table["wheel_hz"] == fast) & (table["caches"] == ("on" if caches else "off"))
     ]
-    return {row.name: (row.mean_us, row.sum_us) for row in rows.itertuples(index=False)}
+    return dict(zip(rows["name"], zip(rows["mean_us"].tolist(), rows["sum_us"].tolist(), strict=True), strict=True))
 
 
 def execution(caches: bool, recording: str = "100|50") -> dict[str, int]:

@@ -66,8 +66,8 @@ class Sink:
     Attributes:
         written, read: bytes so far; the difference is the fill.
         times, fills: when the fill changed, and to what.
-        rounds: of `profile`, four numbers each: its time, stamps taken over, stamps lost in the temp buffer, stamps dropped at the
-            ring in the round before.
+        rounds: of `profile`, four numbers each: its time, stamps taken over, stamps that the temp buffer has lost, stamps dropped
+            at the ring in the round before.
         on_air: begin and end of each DMA transfer, and its bytes.
     """
 
