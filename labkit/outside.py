@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import json
 import os
+import stat
 import unicodedata
 from collections.abc import Iterator, Mapping
-from typing import Annotated, Any, NoReturn, TypeVar, get_args
+from typing import IO, Annotated, Any, NoReturn, TypeVar, get_args
 
 from pydantic import AfterValidator, BaseModel, Field, ValidationError
 from pydantic.fields import FieldInfo
@@ -52,6 +53,17 @@ def one_line(text: str) -> str:
     """The text with everything that could break or turn around its line written as an escape."""
     hidden = ("Cc", "Cf", "Cs", "Zl", "Zp")
     return "".join(ascii(c)[1:-1] if unicodedata.category(c) in hidden else c for c in text)
+
+
+def with_an_end(file: IO[bytes]) -> IO[bytes]:
+    """The open file; ValueError for a device or pipe, as an archive is read from its end, which may never come."""
+    try:
+        mode = os.fstat(file.fileno()).st_mode
+    except OSError:  # bytes in memory
+        return file
+    if not stat.S_ISREG(mode):
+        raise ValueError("it is a device or pipe; an archive must be a file on a disk")
+    return file
 
 
 def read_text(path: str | os.PathLike[str]) -> str:

@@ -13,6 +13,7 @@ import sys
 import pytest
 
 from labkit.__main__ import main
+from labkit.trace import read_npz
 
 ORACLE = pathlib.Path(__file__).parent / "oracle" / "freertos"
 
@@ -170,6 +171,30 @@ def test_trace_prints_statistics_and_every_repair(tmp_path, capsys):
     assert any(event.get("name") == "Tmr Svc" for event in json.loads(out.read_text())["traceEvents"])
     assert main(["trace", str(log), "--export", str(tmp_path / "run.xlsx")]) == 1
     assert "it is one of .json, .csv" in capsys.readouterr().err
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/zero"), reason="no /dev/zero here")
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        ("trace", "longer than 256 MiB"),
+        ("replay", "longer than 8 MiB"),
+        ("schedule --policy rm --until 5", "longer than 8 MiB"),
+        ("windows --period-ns 5", "longer than 8 MiB"),
+        ("cache", "it is a device or pipe; an archive must be a file on a disk"),
+    ],
+)
+def test_an_endless_file_is_refused(arguments, sentence, capsys):
+    command, *options = arguments.split()
+    assert main([command, "/dev/zero", *options]) == 1
+    error = capsys.readouterr().err
+    assert sentence in error and error.count("\n") == 1
+
+
+def test_an_endless_archive_is_refused():
+    if os.path.exists("/dev/zero"):
+        with pytest.raises(ValueError, match="it is a device or pipe"):
+            read_npz("/dev/zero")
 
 
 BUTTAZZO = {

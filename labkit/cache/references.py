@@ -10,6 +10,8 @@ from typing import IO
 
 import numpy as np
 
+from labkit.outside import with_an_end
+
 STORE, LOAD, MODIFY = 1, 2, 3
 OPS = {"write": STORE, "read": LOAD, "modify": MODIFY}
 MOST_IN_FILE = 5_000_000  # references: at worst, each in two lines of its own, counting takes half a minute and 2 GB
@@ -66,7 +68,7 @@ def read_trace(path: str | PathLike[str]) -> References:
     """
     try:
         with open(path, "rb") as file:
-            op, addr, size = _unpack(file)
+            op, addr, size = _unpack(with_an_end(file))
     except FileNotFoundError:
         raise TraceFileError(f"there is no file {path}") from None
     except TraceFileError as error:

@@ -20,6 +20,7 @@ from typing import IO, Any
 
 import numpy as np
 
+from labkit.outside import with_an_end
 from labkit.trace.kinds import CODE, KINDS
 from labkit.trace.report import LogError, told
 from labkit.trace.trace import COLUMNS, Trace
@@ -123,7 +124,7 @@ def read_npz(source: str | os.PathLike[str] | IO[bytes]) -> Trace:
         LogError: not such a file, or more than `MOST_EVENTS` events; says what is wrong.
     """
     try:
-        with opened(source, "rb") as file, zipfile.ZipFile(file) as archive:
+        with opened(source, "rb") as file, zipfile.ZipFile(with_an_end(file)) as archive:
             head = _head(_array(archive, "head", np.uint8, MOST_HEAD).tobytes())
             several = "core.npy" in archive.namelist()
             columns = {name: _array(archive, name, np.int64, MOST_EVENTS) for name in (_FIELDS if several else COLUMNS)}
