@@ -145,9 +145,11 @@ def trace_of(
     add_ends(outcome.recovered, np.where(outcome.recovered > outcome.aborted, 0, 2), "complete", exception)
     blocks.append((jobs.release, 4, CODE["release"], jobs.task, -1, jobs.release, jobs.number))
     blocks.append((jobs.release, 4, CODE["deadline"], jobs.task, -1, jobs.deadline, jobs.number))
-    blocks.append((jobs.release, 5, CODE["ready"], jobs.task, -1, 0, -1))
+    main = outcome.part != EXCEPTION
+    urgency, rescue = (_first(outcome.job[some], priority[some], len(jobs)) for some in (main, ~main))
+    blocks.append((jobs.release, 5, CODE["ready"], jobs.task, -1, urgency, 0))
     waits = fallen & (outcome.recovered != outcome.aborted) & (outcome.aborted < until)
-    blocks.append((outcome.aborted[waits], 5, CODE["ready"], exception[waits], -1, 0, -1))
+    blocks.append((outcome.aborted[waits], 5, CODE["ready"], exception[waits], -1, rescue[waits], 0))
     time, task, value, other, state = _switches(jobs, outcome, priority, tasks, until)
     blocks.append((time, 6, CODE["switch"], task, other, value, state))
     columns = _in_order(blocks, until, len(names))
@@ -175,6 +177,13 @@ def _in_order(blocks: Sequence[Rows], until: int, names: int) -> np.ndarray:
     for column, values in zip(columns, (time, kind, task, *rest), strict=True):
         np.take(values, order, out=column, mode="clip")
     return columns
+
+
+def _first(job: np.ndarray, priority: np.ndarray, count: int) -> np.ndarray:
+    """Per job the priority of the first of these slices, 0 where there is none."""
+    made = np.zeros(count, np.int64)
+    made[job[::-1]] = priority[::-1]  # of repeated indices the last one counts
+    return made
 
 
 def _switches(jobs: Releases, outcome: Outcome, priority: np.ndarray, tasks: int, until: int) -> tuple[np.ndarray, ...]:

@@ -104,7 +104,7 @@ def priorities(trace: Trace) -> np.ndarray:
     rows = np.flatnonzero(trace.of(*kinds))
     set_by_another = trace.of("prio_set")[rows]
     task = np.where(set_by_another, trace.other[rows], trace.task[rows])
-    task, rows = _by(task, rows)[::-1]
+    task, rows = _by(task[task >= 0], rows[task >= 0])[::-1]
     set_by_another, done = trace.of("prio_set")[rows], trace.of("done")[rows]
     priority = np.where(set_by_another, trace.extra[rows], trace.value[rows])
     same = np.zeros(len(rows), bool)

@@ -125,7 +125,7 @@ def slices(trace: Trace) -> Slices:
     names, row, start, end = names[ran], row[ran], start[ran], end[ran]
     owner, exception = owners(trace)
     task, part = owner[names], exception[names].astype(np.int64)
-    numbers = np.unique(trace.extra[_rows(trace, "release", "complete", "abort")])
+    numbers = _numbers(trace.extra[_rows(trace, "release", "complete", "abort")])
     rank = _main_jobs(trace, numbers, task, row)
     if exception.any():
         rank = np.where(part == MAIN, rank, _exception_jobs(trace, numbers, names, task, row))
@@ -149,9 +149,9 @@ def jobs(trace: Trace) -> Jobs:
     owner, _ = owners(trace)
     rows = {kind: _rows(trace, kind) for kind in ("release", "deadline", "complete", "abort")}
     told = np.concatenate(list(rows.values()))
-    numbers = np.unique(trace.extra[told])
+    numbers = _numbers(trace.extra[told])
     span = len(numbers) + 1
-    keys, place = np.unique(owner[trace.task[told]] * span + np.searchsorted(numbers, trace.extra[told]), return_inverse=True)
+    keys, place = np.unique(owner[trace.task[told]] * span + _rank(numbers, trace.extra[told]), return_inverse=True)
     at = dict(zip(rows, np.split(place, np.cumsum([len(some) for some in rows.values()])[:-1]), strict=True))
 
     def column(kind: str, values: np.ndarray) -> np.ndarray:
@@ -166,12 +166,12 @@ def jobs(trace: Trace) -> Jobs:
 
     ran = slices(trace)
     known = ran.job >= 0
-    key = ran.task[known] * span + np.searchsorted(numbers, ran.job[known])
+    key = ran.task[known] * span + _rank(numbers, ran.job[known])
     mine = np.minimum(np.searchsorted(keys, key), max(len(keys) - 1, 0))
     here = keys[mine] == key if len(keys) else np.zeros(len(key), bool)
     mine, first, part = mine[here], ran.start[known][here], ran.part[known][here]
-    granted = np.zeros((len(keys), 2), np.int64)
-    np.add.at(granted, (mine, part), (ran.end - ran.start)[known][here])
+    granted = np.zeros(2 * len(keys), np.int64)
+    np.add.at(granted, 2 * mine + part, (ran.end - ran.start)[known][here])
     start = np.full(len(keys), -1)
     start[mine[::-1]] = first[::-1]  # of repeated indices the last one counts, so the first slice
     return Jobs(
@@ -185,8 +185,8 @@ def jobs(trace: Trace) -> Jobs:
         response=np.where(ended & (release >= 0), completion - release, -1),
         tardiness=np.where(ended & (deadline >= 0), np.maximum(completion - deadline, 0), -1),
         missed=due & (~ended | (completion > deadline)),
-        main=granted[:, MAIN],
-        exception=granted[:, EXCEPTION],
+        main=granted[MAIN::2],
+        exception=granted[EXCEPTION::2],
         names=trace.names,
     )
 
@@ -220,6 +220,18 @@ def _rows(trace: Trace, *kinds: str) -> np.ndarray:
     return np.flatnonzero(trace.of(*kinds) & (trace.task >= 0))
 
 
+def _numbers(job: np.ndarray) -> np.ndarray:
+    """The job numbers there are, in order; all from 0 on where these are not many more, for then a number is its own rank."""
+    if len(job) and job.min() >= 0 and job.max() < 2 * len(job):
+        return np.arange(job.max() + 1)
+    return np.unique(job)
+
+
+def _rank(numbers: np.ndarray, job: np.ndarray) -> np.ndarray:
+    dense = len(numbers) and numbers[0] == 0 and numbers[-1] == len(numbers) - 1
+    return job if dense else np.searchsorted(numbers, job)
+
+
 def _segments(trace: Trace) -> tuple[np.ndarray, np.ndarray]:
     """Name on the processor from a row on, and the row: every switch, and what begins or ends a job of the one that runs."""
     switches = np.flatnonzero(trace.of("switch"))
@@ -238,7 +250,7 @@ class _Events:
         row = _rows(trace, *kinds)
         self.row = row[np.argsort(trace.task[row], kind="stable")]
         self.task, self.value = trace.task[self.row], trace.value[self.row]
-        self.job = np.searchsorted(numbers, trace.extra[self.row])
+        self.job = _rank(numbers, trace.extra[self.row])
         self._rows, self._jobs = len(trace) + 1, len(numbers) + 1
         self._by_row = self.task * self._rows + self.row
         self._by_job = np.argsort(self.task * self._jobs + self.job, kind="stable")

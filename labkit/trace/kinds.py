@@ -1,8 +1,16 @@
 """The one vocabulary of events that every model, log reader and picture of the lab shares.
 
-An event is a row of six integers: ``time, kind, task, other, value, extra``. What the last three
-mean depends on the kind and is stated here, in one place. ``task`` and ``other`` are indices into
-`Trace.names` (-1: none); a task and a lock therefore share one name space.
+An event is a row of six integers: `time, kind, task, other, value, extra`, and the core it happens on where there are several.
+What the last three mean depends on the kind and is stated here, in one place; where nothing is stated, `other` is -1 and the
+rest 0. `task` and `other` are indices into `Trace.names` (-1: none); a task and a lock therefore share one name space.
+
+`task` is the one that does it or that it happens to: the task switched in (-1: idle), made ready, released, aborted, whose
+priority changes; the caller of a service (-1: an interrupt); for `begin` and `end` the scope, or the task itself in a log; for
+`isr` the task interrupted, for `overhead` the one that has to wait meanwhile.
+
+A job is its task and its number. Its `release` is followed by its `deadline`, if it has one. Its main part ends with `complete`
+or `abort`; after an abort the exception part, which is a name of its own (`Trace.exception_of`), ends with a `complete` of the
+same job. There is no event for a missed deadline: it follows from these, see `labkit.trace.jobs`.
 """
 
 _ROWS = """
@@ -11,11 +19,11 @@ ready                                            value: current priority
 create                                           value: base priority
 done
 release                                          value: nominal release time    extra: job number from 0
-deadline                                         value: absolute deadline       extra: job number just released
+deadline                                         value: absolute deadline       extra: job number
 complete                                         value: absolute deadline or -1 extra: job number
 abort                                            value: absolute deadline or -1 extra: job number
-begin              other: enclosing scope or -1
-end
+begin              other: caller; log: enclosing scope or -1
+end                other: caller; log: -1
 inherit            other: task that caused it    value: priority from now on    extra: base priority
 disinherit         other: mutex or -1            value: priority from now on    extra: priority before
 disinherit_timeout other: mutex or -1            value: priority from now on    extra: priority before

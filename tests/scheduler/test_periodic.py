@@ -14,6 +14,7 @@ from labkit.scheduler.periodic import simulate
 from labkit.scheduler.taskfile import ROW, read_schedule, schedule, schedule_rows, write_schedule
 from labkit.scheduler.tasksets import PeriodicTask, TaskPair, deadline_monotonic, rate_monotonic
 from labkit.trace import jobs, slices
+from labkit.trace.folds import priorities
 
 
 def tasks(*rows):
@@ -78,6 +79,11 @@ def test_jobs_and_idle_time_add_up():
     assert np.bincount(table.task, table.main).tolist() == [6, 6, 10]
     assert np.bincount(table.task[table.completion >= 0]).tolist() == [6, 3, 2]
     assert trace.end - np.sum(ran.end - ran.start) == 8 == line(trace).count("-")
+
+
+def test_a_task_has_one_priority_from_its_release_on_under_fixed_priorities():
+    steps = priorities(simulate(tasks((1, 5, 4), (2, 10), (1, 20, 20, 3)), "dm", 20)).tolist()
+    assert steps == [[0, 0, 20, 2], [1, 0, 20, 1], [2, 3, 20, 0]]
 
 
 def test_every_release_is_followed_by_its_deadline():
