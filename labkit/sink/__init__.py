@@ -6,30 +6,48 @@
 from labkit.sink.check import Check, check_sink, default_ring
 from labkit.sink.crc import crc32_mpeg2, crc32_mpeg2_bitwise, crc32_mpeg2_words
 from labkit.sink.explorer import BUDGET, VERDICTS
+from labkit.sink.formats import Decoded, Stream, decode_records, decode_words, link_load
 from labkit.sink.frames import FRAME_BYTES, Reception, check_frame, encode_frame, pieces, read_frames, receptions
 from labkit.sink.history import Step
+from labkit.sink.lessons import LESSONS, PREAMBLE, Lesson
 from labkit.sink.ring import SCHEDULES, Ring
+from labkit.sink.stamps import CLOCK_HZ, Stamp, StampCosts, StampRing, unwrap, wrap, wrap_seconds
 from labkit.sink.variants import VARIANTS, Variant
 
 __all__ = [
     "BUDGET",
+    "CLOCK_HZ",
     "FRAME_BYTES",
+    "LESSONS",
+    "PREAMBLE",
     "SCHEDULES",
     "VARIANTS",
     "VERDICTS",
     "Check",
+    "Decoded",
+    "Lesson",
     "Reception",
     "Ring",
+    "Stamp",
+    "StampCosts",
+    "StampRing",
     "Step",
+    "Stream",
     "Variant",
     "check_frame",
     "check_sink",
     "crc32_mpeg2",
     "crc32_mpeg2_bitwise",
     "crc32_mpeg2_words",
+    "decode_records",
+    "decode_words",
     "default_ring",
     "encode_frame",
+    "link_load",
     "pieces",
     "read_frames",
     "receptions",
+    "unwrap",
+    "wrap",
+    "wrap_seconds",
 ]

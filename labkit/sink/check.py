@@ -49,7 +49,7 @@ class Check:
                 return f"{where} is sent before its byte is stored: {old}"
             case "torn":
                 return f"{held} is sent in the middle of another message"
-            case "lost" if last and last.access == "read":
+            case "lost" if where.startswith("buf"):
                 return f"{held} is sent, and what its producer wrote before it is not"
             case "lost":
                 return "everything is written, and not everything will ever be sent"
