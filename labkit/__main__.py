@@ -208,6 +208,13 @@ def _frames(args: argparse.Namespace) -> None:
         print(f"{number}: {reception['verdict']}{values}")
 
 
+#: What each reader takes at most; more is refused with a sentence that says so.
+LIMITS = """\
+Limits: trace 256 MiB; replay 8 MiB, 1000 tasks, 10000000 ticks, 2000000 events; schedule 8 MiB, 50000 tasks,
+1000000 jobs; windows 8 MiB, 1000 parts; cache 5000000 references. What is more is refused and says so.
+"""
+
+
 class _Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         super().error(one_line(message))
@@ -223,7 +230,7 @@ class _Version(argparse.Action):
 
 def parser() -> argparse.ArgumentParser:
     """The commands and their options."""
-    top = _Parser(prog="labkit", description="The Real-Time Lab on the command line.")
+    top = _Parser(prog="labkit", description="The Real-Time Lab on the command line.", epilog=LIMITS)
     top.add_argument("--version", action=_Version, nargs=0, help="print the version of the lab and exit")
     commands = top.add_subparsers(dest="command", required=True, metavar="COMMAND")
 

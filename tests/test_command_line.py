@@ -12,7 +12,7 @@ import sys
 
 import pytest
 
-from labkit.__main__ import main
+from labkit.__main__ import main, parser
 from labkit.trace import read_npz
 
 ORACLE = pathlib.Path(__file__).parent / "oracle" / "freertos"
@@ -37,6 +37,22 @@ def test_version_is_that_of_the_package(capsys):
         main(["--version"])
     assert ended.value.code == 0
     assert capsys.readouterr().out == f"labkit {importlib.metadata.version('labkit')}\n"
+
+
+def test_help_states_the_limits_that_hold():
+    from labkit.cache import references
+    from labkit.kernel import scenario
+    from labkit.outside import MOST_BYTES
+    from labkit.phases import chainfile
+    from labkit.scheduler import taskfile
+    from labkit.trace import stamps
+
+    mib = MOST_BYTES >> 20
+    told = " ".join(parser().format_help().split())
+    assert f"trace {stamps.MOST_BYTES >> 20} MiB;" in told
+    assert f"replay {mib} MiB, 1000 tasks, {scenario.LAST_TICK} ticks, {scenario.MOST_EVENTS} events;" in told
+    assert f"schedule {mib} MiB, {taskfile.MOST_TASKS} tasks, {taskfile.MOST_JOBS} jobs;" in told
+    assert f"windows {mib} MiB, {chainfile.MOST_PARTS} parts; cache {references.MOST_IN_FILE} references." in told
 
 
 @pytest.mark.parametrize("arguments", ["list", "list --json"])
