@@ -133,11 +133,11 @@ class SpeedupGuess(Experiment[dict[str, tuple[float, ...]]]):
 
     def metrics(self, result: dict[str, tuple[float, ...]]) -> list[Metric]:
         found = []
-        for key, values in result.items():
-            guess, value = getattr(self, key), sum(values) / len(values)
+        for task, values in result.items():
+            guess, value = getattr(self, task), sum(values) / len(values)
             found.append(
                 Metric(
-                    key.replace("_", " "),
+                    task.replace("_", " "),
                     guess,
                     "×",
                     published=round(value, 2) if self.reveal else None,
@@ -423,7 +423,7 @@ class Explanations(Experiment[Explanation]):
             stacked(bars, PARTS, time),
             curves(
                 lines,
-                axis("flash wait states (216 MHz needs 7)", range=[-0.3, 9.4], tickvals=at),
+                axis("flash wait states (216 MHz needs 7)", range=[-0.3, 10.4], tickvals=at),
                 axis("cycles of one job", rangemode="tozero"),
                 points=[(7, t / JOBS) for t in result.target],
                 legend=False,

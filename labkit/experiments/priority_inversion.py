@@ -63,7 +63,7 @@ class Contest:
     def panels(self, title: str, base: Mapping[str, int], locks: Sequence[str], end: float, words: str) -> tuple[Panel, Panel]:
         """Who ran, above the priorities; `words` stand where the task has ended."""
         rows = gantt(self.run.trace, tuple(base), 0, end, title=title, locks=locks, remarks=[(self.end, self.task, words)])
-        return rows, priorities(self.run.trace, base, height=1.6)
+        return rows, priorities(self.run.trace, base, height=2.1)
 
 
 class PriorityInversion(Experiment[tuple[Contest, Contest]]):
@@ -143,7 +143,7 @@ class PriorityInversion(Experiment[tuple[Contest, Contest]]):
         for title, contest in zip(titles, result, strict=True):
             words = f"{contest.response:g} ms, {contest.blocked:g} ms blocked"
             panels += contest.panels(title, BASE, ("S",), self.horizon(), words)
-        return stack(*panels, height=580, shared=axis("time [ms]", range=[0, self.horizon()]), keys=KEYS)
+        return stack(*panels, height=620, shared=axis("time [ms]", range=[0, self.horizon()]), keys=KEYS)
 
     def metrics(self, result: tuple[Contest, Contest]) -> list[Metric]:
         semaphore, mutex = result
@@ -229,7 +229,7 @@ class NestedMutexes(Experiment[dict[str, Contest]]):
         panels: list[Panel] = []
         for title, contest in zip(titles, result.values(), strict=True):
             panels += contest.panels(title, BASE, ("A", "B"), self.horizon(), f"responds after {contest.response:g} ms")
-        return stack(*panels, height=660, shared=axis("time [ms]", range=[0, self.horizon()]), keys=KEYS)
+        return stack(*panels, height=690, shared=axis("time [ms]", range=[0, self.horizon()]), keys=KEYS)
 
     def metrics(self, result: dict[str, Contest]) -> list[Metric]:
         ours, textbook = result["freertos"], result["inheritance"]
@@ -326,8 +326,8 @@ class MarsPathfinder(Experiment[dict[str, Run]]):
             resets = run.trace.rows("mark")[:, 0].tolist()
             verdict = f"first reset at {self.resets(run)[0]:g} ms" if resets else "no reset"
             rows = gantt(run.trace, tuple(PATHFINDER), 0, END, title=f"{title}: {verdict}", locks=("select",), alarms=resets)
-            panels += [rows, priorities(run.trace, PATHFINDER, height=2)]
-        return stack(*panels, height=680, shared=axis("time [ms]", range=[0, END]), keys=KEYS)
+            panels += [rows, priorities(run.trace, PATHFINDER, height=2.6)]
+        return stack(*panels, height=720, shared=axis("time [ms]", range=[0, END]), keys=KEYS)
 
     def metrics(self, result: dict[str, Run]) -> list[Metric]:
         off, on = (self.resets(result[key]) for key in ("off", "on"))

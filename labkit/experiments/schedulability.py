@@ -35,7 +35,7 @@ from labkit.trace import Trace, jobs
 MS = 1000  # units of all traces here: microseconds
 HZ = 1000 * MS
 HORIZON, SHOWN = 2000, 42  # ms simulated, ms in the picture
-KEYS = ("ready", "release", "deadline", "deadline missed", "beyond expected time", "aborted", "exception part")
+KEYS = ("ready", "release", "deadline", "missed", "beyond ECET", "aborted", "exception part")
 
 Work = Annotated[
     Literal["worst", "filter", "uniform"],

@@ -20,7 +20,7 @@ HORIZON, SHOWN = 240, 80  # ms simulated, where the least common multiple of the
 
 @dataclass(frozen=True)
 class Schedule:
-    """The simulation, with the longest response seen and the bound computed for each task, in ms (None: no job ended; it overloads)."""
+    """The simulation; for each task, in ms, the longest response (None: no job ended) and its bound (None: it overloads)."""
 
     run: Run
     longest: dict[str, float | None]
@@ -85,7 +85,7 @@ class ThreeTasks(Experiment[Schedule]):
             priorities(trace, PRIORITY, height=1.4),
             height=360,
             shared=axis("time [ms]", range=[0, SHOWN]),
-            keys=("ready", "release", "deadline", "deadline missed"),
+            keys=("ready", "release", "deadline", "missed"),
         )
 
     def metrics(self, result: Schedule) -> list[Metric]:

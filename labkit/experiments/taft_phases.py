@@ -34,7 +34,7 @@ from labkit.trace import Trace
 
 PERIODS, SHOWN = 60, 2  # of the six designs: periods run under the same load, periods drawn
 GUARANTEES = ("G1 periodic", "G2 in time", "G3 complete", "G4 in order")
-KEYS = ("ready", "release", "deadline", "deadline missed", "beyond expected time", "aborted", "exception part")
+KEYS = ("ready", "release", "deadline", "missed", "beyond ECET", "aborted", "exception part")
 
 ArcsEcet = Annotated[
     int, Interval(ge=5, le=60), Unit("ms"), Doc("expected time (ECET) of the contour filter's arc search; source 2: 30 ms")

@@ -128,7 +128,7 @@ def gantt(
     known = {
         "notes": [_remark(view.ms(at), height[name], words) for at, name, words in remarks],
         "shapes": [_alarm(view.ms(at)) for at in alarms],
-        "left": max(70, 26 + 10 * max(map(len, text))),
+        "left": max(70, 26 + 11 * max(map(len, text))),
         "height": pitch * len(tasks),
     }
     return Panel(_traces(view, tasks, locks, pairs), axis_y, **{**known, **more})

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from typing import Any
 
 from labkit.figures.panel import Panel, stack
-from labkit.figures.style import BLUE, FONT, GREY, INK, ORANGE, PALE, Spec, axis, key
+from labkit.figures.style import BLUE, FONT, GREY, INK, ORANGE, PALE, SMALL, Spec, axis, key
 
 PITCH, TALL = 1.75, 1.0  # distance of two lanes and height of a cell
-HEADLINE = 58  # px, room for its two lines
+HEADLINE = 66  # px, room for its two lines, also where they are enlarged
 PALE_SKY, DARK = "#b3ddf5", "#b64700"
 
 #: State of a cell -> its colour, the colour of its text, and what the legend says (None: no entry). Light, middle and dark,
@@ -86,7 +86,7 @@ def lanes(
         "y": 1,
         "yref": "y domain",
         "yanchor": "top",
-        "yshift": HEADLINE,
+        "yshift": HEADLINE - 12,
     }
     shapes, notes = _frames(places, level, address, line, spans)
     rows = 1 + max((span.row for span in spans), default=0)
@@ -169,7 +169,7 @@ def _strip(stages: Sequence[str], stage: int, alarms: Sequence[int]) -> Spec:
         "constraintext": "none",
         "textangle": 0,
         "hoverinfo": "skip",
-        "insidetextfont": {"size": FONT, "color": ["white" if i == stage else DARK if i in alarms else INK for i in n]},
+        "insidetextfont": {"size": SMALL, "color": ["white" if i == stage else DARK if i in alarms else INK for i in n]},
         "marker": {
             "color": [BLUE if i == stage else PALE if i < stage else "white" for i in n],
             "line": {"width": 2, "color": [DARK if i in alarms else PALE for i in n]},

@@ -8,8 +8,9 @@ from typing import Any
 
 from labkit.figures.style import FONT, LEGEND, LEGEND_ASIDE, TITLE, VERMILION, Spec, key, layout
 
-#: Width in px for which room between panels side by side is measured; a page gives a picture 1100 to 1560 px.
-WIDTH = 1200
+#: Width in px for which room between panels side by side is measured: a page gives a picture 1100 to 1560 px, and text that is
+#: enlarged for a lecture needs room, too.
+WIDTH = 1050
 TITLED, NAMED, BARE, GAP = 30, 58, 34, 12  # px: a title above; below: an axis with a title, one without, none at all
 LEGEND_BAND, TOP, RIGHT = 34, 16, 20  # a legend of two lines fits above the titles, too
 
