@@ -1,7 +1,8 @@
 """Each variant as a few lines of C11, and the memory order that these lines need on top of the order of steps.
 
 The explorer lets every access take effect at once and for all. A compiler and a processor with a store buffer need not: C11 says
-only what its memory orders say. The names in `orders` stand in the code; where none helps, `why` says what does.
+only what its memory orders say. An atomic access that names none has the
+strongest, seq_cst. Where none helps, `why` says so.
 """
 
 from __future__ import annotations
@@ -30,8 +31,7 @@ class Lesson:
 
     Attributes:
         code: to be compiled behind `PREAMBLE`.
-        orders: the memory orders that it names, strongest first; empty if it needs none, because a lock or the absence of
-            others orders everything.
+        orders: the memory orders that it needs; empty if a lock orders everything.
         why: what they are for, or why none of them cures the variant.
     """
 
@@ -63,8 +63,8 @@ bool push(uint8_t byte) {
 }
 """,
         ("seq_cst",),
-        "Even sequential consistency, the strongest order and the default, does not help: the two steps stand in the wrong order. "
-        "For C11 the store is a data race with the consumer's read, and means nothing at all.",
+        "Even sequential consistency, the strongest order and the default, does not help: the two steps stand in the wrong "
+        "order. For C11 the store is a data race with the consumer's read, and means nothing at all.",
     ),
     "published-first-mutex": Lesson(
         """\
@@ -82,7 +82,7 @@ void push(const uint8_t *bytes, size_t n) {
 }
 """,
         ("seq_cst",),
-        "The mutex orders producers among each other (unlock releases, lock acquires). The consumer never locks: nothing orders it.",
+        "The mutex orders the producers (unlock releases, lock acquires). The consumer never locks it: nothing orders the two.",
     ),
     "atomic-push": Lesson(
         """\
