@@ -1,0 +1,289 @@
+"""The robot's software under micro-ROS: one task `uros` that spins three executors in turn, above XRCE-DDS over UDP (S8).
+
+The same control functions as in `firmware`, as callbacks. All data between them travels to the agent on the host and back:
+encoder data from the wheel controller to the odometry, the pose to the pose controller, set points to the wheel controller.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cache, cached_property
+from typing import Any, Literal
+
+import numpy as np
+
+from labkit.data import published_table
+from labkit.kernel import Costs, Kernel
+from labkit.robot.firmware import COSTS
+from labkit.robot.microros_executor import (
+    DATA,
+    TICK,
+    Callback,
+    Client,
+    Executor,
+    Subscription,
+    Timer,
+    TimerRule,
+    WaitRule,
+    spin,
+)
+from labkit.robot.microros_network import (
+    ENCODER_DATA,
+    ODOMETRY,
+    WHEEL_VEL,
+    Agent,
+    Host,
+    Message,
+    go_along,
+    install_network,
+)
+from labkit.robot.rates import CPU_HZ
+from labkit.robot.trace_path import Sink, TracePath, install
+from labkit.trace import CODE, Trace
+
+#: Priorities and free stack words as published, in the order of the task numbers; IDLE is the kernel's own.
+TASKS = {
+    "tsink": (32, 475),
+    "profile": (24, 892),
+    "uros": (24, 2548),
+    "Tmr Svc": (2, 223),
+    "tcpip_thread": (24, 180),
+    "EthIf": (48, 17),
+    "EthLink": (16, 193),
+}
+CALLBACKS = ("w_ctrl", "p_ctrl", "odom")
+LINK_EVERY = 100  # ms between two questions of EthLink to the network chip
+#: Of a spin pass the part before the wait; the source tells the whole only, the split is an assumption.
+BEFORE = 35 / 65
+#: The timer that publishes the odometry is not traced; it is taken to cost this share of `p_ctrl`, which publishes as little.
+ODOMETRY_TIMER = 0.8
+
+
+@dataclass(frozen=True)
+class Work:
+    """Cycles of everything on the board.
+
+    Attributes:
+        w_ctrl, p_ctrl, odom, odometry_timer: a callback, publishing included.
+        spin: a pass of an executor without its callbacks. eth_if, tcpip: a frame. link: a question of EthLink.
+        stamp: printing one stamp. look: a look of `tsink` at its ring.
+    """
+
+    w_ctrl: int
+    p_ctrl: int
+    odom: int
+    odometry_timer: int
+    spin: int
+    eth_if: int
+    tcpip: int
+    link: int
+    stamp: int
+    look: int
+
+
+@cache
+def recorded(wheel_hz: int, caches: bool) -> dict[str, tuple[float, int]]:
+    """Name -> (mean, sum) in us of the recording under micro-ROS at 50|30 or 100|50 Hz (source 1, tables 2 to 5)."""
+    table = published_table("xu2025_runtime_stats.csv")
+    rows = table[
+        (table["platform"] == "micro-ROS") & (table["wheel_hz"] == wheel_hz) & (table["caches"] == ("on" if caches else "off"))
+    ]
+    if rows.empty:
+        raise ValueError(f"no recording under micro-ROS at {wheel_hz} Hz; there are those at 50 and 100 Hz")
+    return dict(zip(rows["name"], zip(rows["mean_us"].tolist(), rows["sum_us"].tolist(), strict=True), strict=True))
+
+
+@cache
+def work(wheel_hz: int = 100, caches: bool = True) -> Work:
+    """Execution times from a published recording: means where they are told, sums shared out where they are not.
+
+    A stretch of `uros` lasts from one wait to the next, so what is left of it without callbacks is one spin pass. Every stretch of
+    a task has two stamps for `profile` to print; callbacks write their own.
+    """
+    rows = recorded(wheel_hz, caches)
+    mean = {name: m for name, (m, _) in rows.items()}
+    total = {name: s for name, (_, s) in rows.items()}
+    calls = {name: total[name] / mean[name] for name in rows}
+    seconds = calls["w_ctrl"] / wheel_hz  # by the recording's own clock
+    publishing = ODOMETRY_TIMER * mean["p_ctrl"]
+    inside = sum(total[name] for name in CALLBACKS) + publishing * calls["p_ctrl"]
+    stretches = sum(calls[name] for name in rows if name not in CALLBACKS)
+    us = {
+        "w_ctrl": mean["w_ctrl"],
+        "p_ctrl": mean["p_ctrl"],
+        "odom": mean["odom"],
+        "odometry_timer": publishing,
+        "spin": (total["uros"] - inside) / calls["uros"],
+        "eth_if": mean["EthIf"],
+        "tcpip": mean["tcpip_thread"],
+        "link": total["EthLink"] / seconds * LINK_EVERY / 1000,
+        "stamp": total["profile"] / (2 * stretches),
+        "look": mean["tsink"],
+    }
+    return Work(**{name: round(value * CPU_HZ / 1e6) for name, value in us.items()})
+
+
+@dataclass(frozen=True)
+class MicroRos:
+    """What runs on the board, and what it talks to.
+
+    Attributes:
+        wheel, pose: periods of the timers in ms, which are ticks; the odometry is published with the pose period.
+        work: execution times.
+        executors: three in turn as in the firmware, or one for everything.
+        timer_rule, wait_rule: see `microros_executor`.
+        limit: of a spin, in ms.
+        trace_path: the sink and who feeds it; None leaves `tsink` and `profile` out.
+        host: agent, host and cable. costs: what the kernel takes.
+    """
+
+    wheel: int
+    pose: int
+    work: Work
+    executors: Literal["three", "one"] = "three"
+    timer_rule: TimerRule = "jazzy"
+    wait_rule: WaitRule = "poll"
+    limit: int = 1
+    trace_path: TracePath | None = None
+    host: Host = Host()
+    costs: Costs = COSTS
+
+    def __post_init__(self) -> None:
+        if self.executors not in ("three", "one"):
+            raise ValueError(f"{self.executors!r} executors; there are three, as in the firmware, or one")
+        if self.limit < 0:
+            raise ValueError(f"a spin limit of {self.limit} ms; 0 or more is allowed")
+
+
+def robot(wheel: int = 10, pose: int = 20, caches: bool = True, tracing: bool = False, **changes: Any) -> MicroRos:
+    """The robot with periods in ms, and the execution times of the nearer recording; `changes` to any other attribute."""
+    cycles = work(50 if wheel >= 20 else 100, caches)
+    path = TracePath(stamp=cycles.stamp, look=cycles.look, batch=8) if tracing else None
+    return replace(MicroRos(wheel, pose, cycles, trace_path=path), **changes)
+
+
+@dataclass(frozen=True)
+class Recording:
+    """What a run leaves behind.
+
+    Attributes:
+        trace: of the kernel, with the callbacks as scopes. setup: what ran.
+        waits: rows (limit in ticks, DATA, TICK or EMPTY, end in cycles) of the executors' waits.
+        dropped: periods that each timer jumped over. sink: what became of the stamps.
+    """
+
+    trace: Trace
+    setup: MicroRos
+    waits: np.ndarray
+    dropped: dict[str, int]
+    sink: Sink | None
+
+    @property
+    def seconds(self) -> float:
+        return (self.trace.end - self.trace.start) / self.trace.hz
+
+    @cached_property
+    def calls(self) -> np.ndarray:
+        """When the wheel controller was called, in s."""
+        rows = self.trace.rows("begin")
+        return rows[rows[:, 2] == self.trace.code("w_ctrl"), 0] / self.trace.hz
+
+    @property
+    def rate(self) -> float:
+        """Calls of the wheel controller per second."""
+        return len(self.calls) / self.seconds
+
+    def windows(self, length: float = 1.0) -> np.ndarray:
+        """Its rate in each whole window of so many seconds."""
+        count = max(int(self.seconds / length + 1e-9), 1)
+        return np.histogram(self.calls, count, (0, count * length))[0] / length
+
+    def ended(self, how: int) -> float:
+        """Waits per second that ended so, DATA, TICK or EMPTY."""
+        return float((self.waits[:, 1] == how).sum()) / self.seconds
+
+    @property
+    def paid(self) -> float:
+        """a of the guide: data that end a wait, per call of the wheel controller."""
+        return self.ended(DATA) / self.rate if self.rate else 0.0
+
+    @property
+    def guide(self) -> float:
+        """R = K / (2 - a): of the three waits of a round one is 0, the other two end by data or by a tick; None of it is drawn."""
+        return self.ended(TICK) / (2 - self.paid) if self.paid < 2 else float("inf")
+
+
+def _publishes(name: str, cycles: int, message: Message | None, outbox: list[tuple[Message, int]]) -> Callback:
+    """A callback that computes, then sends: serialising and the UDP send are part of its cycles, in the context of `uros`."""
+
+    def callback(os: Any, _: Any) -> Any:
+        yield os.begin(name)
+        yield cycles
+        if message is not None:
+            outbox.append((message, os.now))
+        yield os.end(name)
+
+    return callback
+
+
+def _keeps(os: Any, message: Any) -> Any:
+    """A callback that only remembers what it got; its time is in the spin pass."""
+    return
+    yield
+
+
+def executors(setup: MicroRos, outbox: list[tuple[Message, int]]) -> list[Executor]:
+    """The executors of the firmware, or the one in their place: their handles in order, semantics and triggers."""
+    cycles, rule = setup.work, setup.timer_rule
+    before = round(cycles.spin * BEFORE)
+    each = {"limit": setup.limit, "before": before, "after": cycles.spin - before}
+    wheel = Timer(setup.wheel, _publishes("w_ctrl", cycles.w_ctrl, ENCODER_DATA, outbox), rule)
+    odometry = Timer(setup.pose, _publishes("odometry", cycles.odometry_timer, ODOMETRY, outbox), rule)
+    pose = Timer(setup.pose, _publishes("p_ctrl", cycles.p_ctrl, WHEEL_VEL, outbox), rule)
+    encoder = Subscription("encoder_data", _publishes("odom", cycles.odom, None, outbox))
+    if setup.executors == "one":
+        inputs = [Subscription(topic, _keeps) for topic in ("wheel_vel", "cmd_vel", "odometry")]
+        return [Executor("all", [inputs[0], wheel, encoder, odometry, *inputs[1:], pose], **each)]
+    wheel_vel, cmd_vel, located = (Subscription(topic, _keeps, always=True) for topic in ("wheel_vel", "cmd_vel", "odometry"))
+    cmd_vel.always = False
+    return [
+        Executor("wheel", [wheel_vel, wheel], "let", trigger=1, **each),
+        Executor("odometry", [encoder, odometry], **each),
+        Executor("pose", [cmd_vel, located, pose], "let", trigger=2, **each),
+    ]
+
+
+def simulate(setup: MicroRos, seconds: float) -> Recording:
+    """Board and host from power-on; all timers are created at tick 0."""
+    k = Kernel(CPU_HZ, 1000, priorities=56, costs=setup.costs)
+    outbox: list[tuple[Message, int]] = []
+    spun = executors(setup, outbox)
+    handles = [handle for executor in spun for handle in executor.handles]
+    sink, tracers = install(k, setup.trace_path) if setup.trace_path else (None, {})
+    mailbox, interface, stack, deliver = install_network(k, setup.work.eth_if, setup.work.tcpip)
+    client = Client(mailbox, [h for h in handles if isinstance(h, Subscription)], lambda message: message.topic, rule=setup.wait_rule)
+
+    def link(os: Any) -> Any:
+        while True:
+            yield setup.work.link
+            yield os.delay(LINK_EVERY)
+
+    def timers(os: Any) -> Any:
+        yield os.suspend()
+
+    bodies = {
+        **tracers,
+        "uros": lambda os: spin(os, spun, client),
+        "Tmr Svc": timers,
+        "tcpip_thread": stack,
+        "EthIf": interface,
+        "EthLink": link,
+    }
+    for name, (priority, stack_free) in TASKS.items():
+        if name in bodies:
+            k.task(name, bodies[name], priority, stack_free=stack_free)
+    go_along(k, Agent(setup.host, CPU_HZ, deliver), outbox, round(seconds * CPU_HZ))
+    waits = np.frombuffer(client.waits, dtype=np.int64).reshape(-1, 3)
+    names = iter(("w_ctrl", "odometry", "p_ctrl"))
+    dropped = {next(names): handle.dropped for handle in handles if isinstance(handle, Timer)}
+    return Recording(k.trace, setup, waits, dropped, sink)
