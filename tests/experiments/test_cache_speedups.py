@@ -18,19 +18,15 @@ from labkit.experiments.cache_patterns import (
 )
 from labkit.experiments.cache_speedups import (
     CLAIMS,
-    CONTROL,
-    JOBS,
-    Explanations,
     PublishedSpeedups,
     SpeedupGuess,
-    TimingModel,
-    check_coldest,
     check_idle_formula,
     check_sample_difference,
     check_wrong_total,
     measured_factor,
     recordings,
 )
+from labkit.experiments.cache_timing import CONTROL, JOBS, Explanations, TimingModel, check_coldest
 from labkit.figures.cache_map import cache_map, sentence
 
 # ------------------------------------------------------------------------------------------------------ what was measured
