@@ -121,7 +121,9 @@ def _trace(args: argparse.Namespace) -> None:
             raise ValueError(f"--export {args.export}: the ending says the format, it is one of {', '.join(writers)}")
         writers[ending](trace, args.export)
     if args.json:
-        _print_json({"statistics": json.loads(table.to_json(orient="index")), "report": report.as_dict()})
+        cores = {"": table} if trace.core is None else {core: rows.droplevel("core") for core, rows in table.groupby("core")}
+        rows = {core: json.loads(part.to_json(orient="index")) for core, part in cores.items()}
+        _print_json({"statistics": rows.get("", rows), "report": report.as_dict()})  # with several cores, by core, then by name
         return
     print(describe(table))
     print(report)
@@ -245,7 +247,7 @@ def parser() -> argparse.ArgumentParser:
     c.add_argument("name")
     c.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="a parameter; may be repeated")
     c.add_argument("--json", action="store_true")
-    c = add("trace", _trace, "statistics of a log of '<name> <us> <0|1>' lines, and its repairs")
+    c = add("trace", _trace, "statistics of a log of '<name> <us> <0|1> [core]' lines, and its repairs")
     c.add_argument("log")
     c.add_argument(
         "--clock-hz", type=int, metavar="HZ", help="clock of the 32-bit cycle counter behind the stamps, to undo its wrap"

@@ -175,6 +175,18 @@ def test_replay_reports_a_deadlock(tmp_path, capsys):
     assert "waits for" in capsys.readouterr().out
 
 
+def test_trace_tells_the_statistics_of_each_core_and_exports_npz(tmp_path, capsys):
+    log, out = tmp_path / "board.log", tmp_path / "board.npz"
+    log.write_text("f 0 1 0\ng 2 1 1\ng 6 0 1\nf 10 0 0\n")
+    assert main(["trace", str(log), "--json", "--export", str(out)]) == 0
+    told = json.loads(capsys.readouterr().out)["statistics"]
+    assert {core: {name: row["share"] for name, row in rows.items()} for core, rows in told.items()} == {
+        "0": {"f": 1.0},
+        "1": {"g": 0.4},
+    }
+    assert read_npz(out).core.tolist() == [0, 1, 1, 0]
+
+
 def test_trace_prints_statistics_and_every_repair(tmp_path, capsys):
     log = tmp_path / "board.log"
     log.write_text("Tmr Svc 10 1\nTmr Svc 14 0\nnonsense\n")

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from labkit.trace.jobs import jobs
+from labkit.trace.jobs import Jobs, jobs
 from labkit.trace.spans import KERNEL, span_table
 from labkit.trace.trace import Trace, printable
 
@@ -62,70 +63,68 @@ def statistics(trace: Trace) -> pd.DataFrame:
 
     us = 1e6 / trace.hz
     names = [*trace.names, KERNEL]
-    length = trace.end - trace.start
+    length = (trace.end - trace.start) or np.nan
     cores = trace.cores()
-    size = len(names) * len(
-        cores
-    )  # a row is a name on a core: its code is that of the name, plus len(names) for each core before
-    tables, active, tasks = [], [], []
+    size = len(names) * len(cores)  # a row is a name on a core; its code is that of the name, and len(names) more per core
+    tables, active, done = [], [], []
     for first, part in zip(range(0, size, len(names)), cores.values(), strict=True):
-        table, done = span_table(part), jobs(part)
-        begun, at = _activations(part, table)
-        tables.append({**table, "name": table["name"] + first})
-        active.append((begun + first, at))
-        tasks.append((done.task + first, done))
-    table = {key: np.concatenate([some[key] for some in tables]) for key in tables[0]}
-    whole = table["complete"]
-    name, duration, own = table["name"][whole], table["duration"][whole], table["self"][whole]
-    durations, selfs = _Groups(name, duration, size), _Groups(name, own, size)
-    known = whole | table["run"]
-    total_self = np.bincount(table["name"][known], table["self"][known], size)
+        table = span_table(part)
+        active.append(_activations(part, table, first))
+        tables.append((table["name"] + first, table["duration"], table["self"], table["complete"], table["run"]))
+        done.append((jobs(part), first))
+    activations, of_activations = _of_activations(active, size)
+    del active, table  # of a large log these are hundreds of megabytes
+    seen, of_spans = _of_spans(_joined(tables), size)
+    count, of_jobs = _of_jobs(done, size)
+    columns = {**of_spans, **of_activations, **of_jobs}
+    columns["rate"] = activations * (trace.hz / length)
+    columns["share"] = columns["self"] / length
+    for name, (unit, _) in COLUMNS.items():
+        columns[name] = columns[name] * us if unit == "us" else columns[name]
+    index = pd.MultiIndex.from_product([list(cores), names], names=["core", "name"]).swaplevel()
+    frame = pd.DataFrame(columns, index=index if trace.core is not None else pd.Index(names, name="name", dtype=object))
+    some = seen + activations + count + columns["misses"] > 0
+    return frame.loc[some, list(COLUMNS)].sort_values("self", ascending=False, kind="stable")
 
-    active_name, active_time = (np.concatenate(column) for column in zip(*active, strict=True))
-    activations = np.bincount(active_name, minlength=size)
-    intervals = _intervals(active_name, active_time, size)
+
+def _of_spans(table: Sequence[np.ndarray], size: int) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """How many spans there are of each row, and the columns that come from name, duration, self, complete and run of them."""
+    name, duration, own, whole, run = table
+    known = whole | run
+    columns = {"cut": np.bincount(name[~whole], minlength=size), "self": np.bincount(name[known], own[known], size)}
+    durations = _Groups(name[whole], duration[whole], size)
+    columns |= {"count": durations.count, "sum": durations.sum, "mean": durations.mean()}
+    columns |= {key: durations.rank(q) for key, q in (("min", 0), ("p50", 0.50), ("p95", 0.95), ("p99", 0.99), ("max", 1))}
+    del durations  # there may be millions of spans
+    selfs = _Groups(name[whole], own[whole], size)
+    return np.bincount(name, minlength=size), {**columns, "self_mean": selfs.mean(), "self_max": selfs.rank(1)}
+
+
+def _of_activations(active: Sequence[tuple[np.ndarray, ...]], size: int) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """How many activations there are of each row, and the columns that come from name and time of them."""
+    name, time = _joined(active)
+    intervals = _intervals(name, time, size)
     median = intervals.median()
     deviation = _Groups(intervals.name, np.abs(intervals.value - median[intervals.name]), size)
-    response = _Groups(
-        np.concatenate([task[done.response >= 0] for task, done in tasks]),
-        np.concatenate([done.response[done.response >= 0] for _, done in tasks]),
-        size,
-    )
-    aborts = np.bincount(np.concatenate([task[done.abort >= 0] for task, done in tasks]), minlength=size)
-    misses = np.bincount(np.concatenate([task[done.missed] for task, done in tasks]), minlength=size)
+    columns = {"period": intervals.mean(), "jitter": deviation.rank(1), "period_std": intervals.std()}
+    return np.bincount(name, minlength=size), columns
 
-    frame = pd.DataFrame(
-        {
-            "count": durations.count,
-            "cut": np.bincount(table["name"][~whole], minlength=size),
-            "sum": durations.sum * us,
-            "self": total_self * us,
-            "share": total_self / length if length else np.full(size, np.nan),
-            "mean": durations.mean() * us,
-            "min": durations.rank(0) * us,
-            "p50": durations.rank(0.50) * us,
-            "p95": durations.rank(0.95) * us,
-            "p99": durations.rank(0.99) * us,
-            "max": durations.rank(1) * us,
-            "self_mean": selfs.mean() * us,
-            "self_max": selfs.rank(1) * us,
-            "rate": activations * trace.hz / length if length else np.full(size, np.nan),
-            "period": intervals.mean() * us,
-            "jitter": deviation.rank(1) * us,
-            "period_std": intervals.std() * us,
-            "jobs": response.count,
-            "response_mean": response.mean() * us,
-            "response_p99": response.rank(0.99) * us,
-            "response_max": response.rank(1) * us,
-            "aborts": aborts,
-            "misses": misses,
-        },
-        index=pd.MultiIndex.from_product([list(cores), names], names=["core", "name"]).swaplevel(),
+
+def _of_jobs(done: list[tuple[Jobs, int]], size: int) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """How many jobs each row has that were released and completed, and the columns that come from the jobs of each core."""
+    task, response, aborted, missed = _joined(
+        [(some.task + first, some.response, some.abort >= 0, some.missed) for some, first in done]
     )
-    if trace.core is None:
-        frame.index = pd.Index(names, name="name", dtype=object)
-    seen = np.bincount(table["name"], minlength=size) + activations + response.count + misses > 0
-    return frame[seen].sort_values("self", ascending=False, kind="stable")
+    responses = _Groups(task[response >= 0], response[response >= 0], size)
+    columns = {"jobs": responses.count, "response_mean": responses.mean()}
+    columns |= {"response_p99": responses.rank(0.99), "response_max": responses.rank(1)}
+    columns |= {"aborts": np.bincount(task[aborted], minlength=size), "misses": np.bincount(task[missed], minlength=size)}
+    return responses.count, columns
+
+
+def _joined(parts: Sequence[tuple[np.ndarray, ...]]) -> tuple[np.ndarray, ...]:
+    """Columns of several cores as one; those of a single core as they are."""
+    return parts[0] if len(parts) == 1 else tuple(np.concatenate(column) for column in zip(*parts, strict=True))
 
 
 def describe(frame: pd.DataFrame) -> str:
@@ -171,8 +170,8 @@ class _Groups:
         return (values[np.where(self.count > 0, low, -1)] + values[np.where(self.count > 0, high, -1)]) / 2
 
 
-def _activations(trace: Trace, table: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """Name and time of each activation."""
+def _activations(trace: Trace, table: dict[str, np.ndarray], first: int) -> tuple[np.ndarray, np.ndarray]:
+    """Name, counted from `first`, and time of each activation."""
     released = np.flatnonzero(trace.of("release") & (trace.task >= 0))
     task, release = trace.task[released], trace.value[released]
     periodic = np.isin(table["name"], task)
@@ -185,7 +184,8 @@ def _activations(trace: Trace, table: dict[str, np.ndarray]) -> tuple[np.ndarray
     some = run < len(name)
     some[some] = name[run[some]] == task[some]
     started = np.maximum(start[run[some]], release[some])
-    return np.concatenate([table["name"][begun], task[some]]), np.concatenate([table["start"][begun], started])
+    name = np.concatenate([table["name"][begun], task[some]]) + first
+    return name, np.concatenate([table["start"][begun], started])
 
 
 def _intervals(name: np.ndarray, time: np.ndarray, size: int) -> _Groups:
