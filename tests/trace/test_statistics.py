@@ -307,3 +307,12 @@ def test_nesting_is_that_of_a_walk_with_a_stack(data):
     columns = name, opened, closed, time[opened], time[closed]
     for fast, walked in zip(nest(*columns), _walk(*columns), strict=True):
         assert fast.tolist() == walked.tolist()
+
+
+def test_names_with_control_characters_stay_in_the_data_and_are_escaped_in_the_table():
+    trace = Trace.from_rows([(0, CODE["begin"], 0, -1, 0, 0), (5, CODE["end"], 0, -1, 0, 0)], ["a\r\nb\x1b"], 1_000_000, end=9)
+    assert statistics(trace).index.tolist() == ["a\r\nb\x1b"]
+    text = describe(statistics(trace))
+    assert "\r" not in text and "\x1b" not in text and "a\\r\\nb\\x1b" in text
+    with pytest.raises(ValueError, match=r"^[^\n\r]+$"):
+        trace.code("x")
