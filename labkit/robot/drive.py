@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
-from math import pi
 from typing import Any, Literal
 
 import numpy as np
@@ -28,7 +27,7 @@ Course = Literal["straight", "square", "circle", "sideways"]
 COURSES: dict[str, str] = {
     "straight": "straight ahead",
     "square": "a square without turning",
-    "circle": "a circle",
+    "circle": "an arc to the left",
     "sideways": "sideways, turning",
 }
 
@@ -43,8 +42,8 @@ def steered(course: str, at: float, length: float) -> Velocity:
     if course == "square":
         return ((200.0, 0.0, 0.0), (0.0, 200.0, 0.0), (-200.0, 0.0, 0.0), (0.0, -200.0, 0.0))[int(4 * at / go)]
     if course == "circle":
-        return (250.0, 0.0, 2 * pi / go)
-    return (0.0, 200.0, pi / 2 / go)
+        return (250.0, 0.0, 1.2)
+    return (0.0, 200.0, 0.4)
 
 
 @dataclass(frozen=True)

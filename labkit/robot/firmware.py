@@ -69,6 +69,7 @@ class Firmware:
         costs: what the kernel takes.
         order: the order in which the tasks are created, which decides who goes first among equals.
         time_slicing: whether tasks of equal priority take turns at the tick.
+        priorities: of all tasks; the published ones have `profile` among the control tasks.
     """
 
     rates: Rates
@@ -83,12 +84,18 @@ class Firmware:
     costs: Costs = COSTS
     order: tuple[str, ...] = tuple(CREATED)
     time_slicing: bool = True
+    priorities: Mapping[str, int] = field(default_factory=PRIORITIES.copy)
 
     def __post_init__(self) -> None:
         if self.channel not in CHANNELS:
             raise ValueError(f"channel {self.channel!r}; there are {', '.join(CHANNELS)}")
         if set(self.order) != set(CREATED):
             raise ValueError(f"the order names {', '.join(self.order)}; it must have each of {', '.join(CREATED)} once")
+        for what, known in (("work", {*PERIODIC, "recv_vel"}), ("priorities", CREATED)):
+            if missing := set(known) - set(getattr(self, what)):
+                raise ValueError(
+                    f"{what} has nothing for {', '.join(sorted(missing))}; it needs each of {', '.join(sorted(known))}"
+                )
 
 
 def published(rates: str = "50|30", caches: bool = True, tracing: bool = True, **changes: Any) -> Firmware:
@@ -145,7 +152,7 @@ def build(firmware: Firmware, plant: Body | None = None) -> Board:
     for name in firmware.order:
         if name in bodies:
             deadline = rates.period(name) * k.tick if name in PERIODIC else None
-            k.task(name, bodies[name], PRIORITIES[name], deadline, CREATED[name])
+            k.task(name, bodies[name], firmware.priorities[name], deadline, CREATED[name])
     board.receiver = next(task for task in k.tasks if task.name == "recv_vel")
     return board
 

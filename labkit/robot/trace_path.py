@@ -64,6 +64,7 @@ class Sink:
     """The ring and what became of the stamps; times in cycles.
 
     Attributes:
+        capacity: bytes that fit the ring. buffer: stamps that fit the temp buffer.
         written, read: bytes so far; the difference is the fill.
         times, fills: when the fill changed, and to what.
         rounds: of `profile`, four numbers each: its time, stamps taken over, stamps that the temp buffer has lost, stamps dropped
@@ -71,8 +72,8 @@ class Sink:
         on_air: begin and end of each DMA transfer, and its bytes.
     """
 
-    def __init__(self, capacity: int):
-        self.capacity = capacity
+    def __init__(self, capacity: int, buffer: int):
+        self.capacity, self.buffer = capacity, buffer
         self.written = self.read = 0
         self.times, self.fills = array("q", [0]), array("q", [0])
         self.rounds = array("q")
@@ -131,7 +132,7 @@ def lines(trace: Trace, first: int, form: str) -> np.ndarray:
 
 def install(k: Kernel, path: TracePath) -> tuple[Sink, dict[str, Callable[[Any], Any]]]:
     """The ring, and the bodies of `tsink` and `profile`."""
-    sink, lock = Sink(path.capacity), k.mutex("sink")
+    sink, lock = Sink(path.capacity, path.buffer), k.mutex("sink")
     ms = max(1, k.cpu_hz // k.tick // 1000)  # in ticks
     seen, dropped = 0, 0
 
