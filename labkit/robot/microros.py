@@ -52,7 +52,7 @@ TASKS = {
     "EthLink": (16, 193),
 }
 CALLBACKS = ("w_ctrl", "p_ctrl", "odom")
-LINK_EVERY = 100  # ms between two questions of EthLink to the network chip
+LINK_EVERY, LINK_PHASE = 100, 7  # ms between two questions of EthLink to the network chip; when it begins (an assumption)
 #: Of a spin pass the part before the wait; the source tells the whole only, the split is an assumption.
 BEFORE = 35 / 65
 #: The timer that publishes the odometry is not traced; it is taken to cost this share of `p_ctrl`, which publishes as little.
@@ -133,6 +133,8 @@ class MicroRos:
         executors: three in turn as in the firmware, or one for everything.
         timer_rule, wait_rule: see `microros_executor`.
         limit: of a spin, in ms.
+        phase: tick at which the timers of the executors are created. `profile` starts at tick 0 and works every 10 ms, so this
+            decides whether it and the callbacks meet. Not published; on the board it is when the agent has answered.
         trace_path: the sink and who feeds it; None leaves `tsink` and `profile` out.
         host: agent, host and cable. costs: what the kernel takes.
     """
@@ -144,6 +146,7 @@ class MicroRos:
     timer_rule: TimerRule = "jazzy"
     wait_rule: WaitRule = "poll"
     limit: int = 1
+    phase: int = 5
     trace_path: TracePath | None = None
     host: Host = Host()
     costs: Costs = COSTS
@@ -153,6 +156,8 @@ class MicroRos:
             raise ValueError(f"{self.executors!r} executors; there are three, as in the firmware, or one")
         if self.limit < 0:
             raise ValueError(f"a spin limit of {self.limit} ms; 0 or more is allowed")
+        if self.phase < 0:
+            raise ValueError(f"timers created at tick {self.phase}; 0 or later is allowed")
 
 
 def robot(wheel: int = 10, pose: int = 20, caches: bool = True, tracing: bool = False, **changes: Any) -> MicroRos:
@@ -234,12 +239,12 @@ def _keeps(os: Any, message: Any) -> Any:
 
 def executors(setup: MicroRos, outbox: list[tuple[Message, int]]) -> list[Executor]:
     """The executors of the firmware, or the one in their place: their handles in order, semantics and triggers."""
-    cycles, rule = setup.work, setup.timer_rule
+    cycles, how = setup.work, (setup.timer_rule, setup.phase)
     before = round(cycles.spin * BEFORE)
     each = {"limit": setup.limit, "before": before, "after": cycles.spin - before}
-    wheel = Timer(setup.wheel, _publishes("w_ctrl", cycles.w_ctrl, ENCODER_DATA, outbox), rule)
-    odometry = Timer(setup.pose, _publishes("odometry", cycles.odometry_timer, ODOMETRY, outbox), rule)
-    pose = Timer(setup.pose, _publishes("p_ctrl", cycles.p_ctrl, WHEEL_VEL, outbox), rule)
+    wheel = Timer(setup.wheel, _publishes("w_ctrl", cycles.w_ctrl, ENCODER_DATA, outbox), *how)
+    odometry = Timer(setup.pose, _publishes("odometry", cycles.odometry_timer, ODOMETRY, outbox), *how)
+    pose = Timer(setup.pose, _publishes("p_ctrl", cycles.p_ctrl, WHEEL_VEL, outbox), *how)
     encoder = Subscription("encoder_data", _publishes("odom", cycles.odom, None, outbox))
     if setup.executors == "one":
         inputs = [Subscription(topic, _keeps) for topic in ("wheel_vel", "cmd_vel", "odometry")]
@@ -264,6 +269,7 @@ def simulate(setup: MicroRos, seconds: float) -> Recording:
     client = Client(mailbox, [h for h in handles if isinstance(h, Subscription)], lambda message: message.topic, rule=setup.wait_rule)
 
     def link(os: Any) -> Any:
+        yield os.delay(LINK_PHASE)
         while True:
             yield setup.work.link
             yield os.delay(LINK_EVERY)
