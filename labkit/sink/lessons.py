@@ -1,8 +1,8 @@
 """Each variant as a few lines of C11, and the memory order that these lines need on top of the order of steps.
 
-The explorer lets every access take effect at once and for all. A compiler and a processor with a store buffer need not: C11 says
-only what its memory orders say. An atomic access that names none has the
-strongest, seq_cst. Where none helps, `why` says so.
+The explorer lets every access take effect at once and for all. A compiler and a processor with a store buffer need not: C11
+promises only what its memory orders say. An atomic access that names none has the strongest, seq_cst; where that does not help
+either, `why` says so.
 """
 
 from __future__ import annotations

@@ -146,7 +146,10 @@ def ready_flag(ring: Ring, me: int, message: int) -> Thread:
 
 
 def sequence(ring: Ring, me: int, message: int) -> Thread:
-    """Slots that know for which index they are free, and for which they are full (Vyukov's bounded queue)."""
+    """Slots that know for which index they are free, and for which they are full (Vyukov's bounded queue).
+
+    One slot is not enough: full for index 0 and free for index 1 would be the same number.
+    """
     w = yield from claim_by_sequence(ring)
     for i in range(ring.bytes):
         slot = ring.slot(ring.plus(w, i))
