@@ -54,6 +54,9 @@ class TracePath:
     batch: int = 1
 
     def __post_init__(self) -> None:
+        for name, known in (("form", ("text", *FIXED)), ("when_full", ("wait", "drop"))):
+            if getattr(self, name) not in known:
+                raise ValueError(f"trace path: {name} {getattr(self, name)!r}; there are {', '.join(known)}")
         least = {"baud": 1, "stamp": 0, "look": 1, "buffer": 1, "capacity": 64 * self.batch, "every": 1, "batch": 1}
         for name, allowed in least.items():
             if getattr(self, name) < allowed:

@@ -1,0 +1,108 @@
+"""The trace path: what is written arrives, what is lost is counted, and the link takes the time it takes."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from labkit.robot import CPU_HZ, Bench, TracePath, build, published
+from labkit.robot.trace_path import lines
+from labkit.trace import Trace
+
+MS = CPU_HZ // 1000
+
+PATHS = st.builds(
+    TracePath,
+    baud=st.sampled_from([1200, 115_200, 2_000_000, 12_500_000]),
+    form=st.sampled_from(["text", "record", "word"]),
+    when_full=st.sampled_from(["wait", "drop"]),
+    buffer=st.sampled_from([1, 20, 512]),
+    capacity=st.sampled_from([512, 2048, 3000]),
+    batch=st.sampled_from([1, 3, 8]),
+    every=st.sampled_from([1, 10]),
+)
+
+
+def sink_of(name, path, milliseconds=60):
+    board = build(replace(published(name), trace_path=path), Bench())
+    board.advance(milliseconds * MS)
+    return board.sink, board.kernel.trace
+
+
+@settings(max_examples=60)
+@given(st.sampled_from(["50|30", "1000", "10000|5000"]), PATHS)
+def test_the_ring_never_holds_more_than_fits_and_every_stamp_is_somewhere(name, path):
+    sink, trace = sink_of(name, path)
+    times, fills = sink.curve()
+    assert fills.min() >= 0 and fills.max() <= path.capacity and (np.diff(times) >= 0).all()
+    assert sink.fill == sink.written - sink.read == fills[-1]
+    rounds, made = sink.table(), lines(trace, 0, path.form)
+    noticed = int(rounds[:, 1:3].sum())  # taken over or lost in the buffer, up to the last round
+    before = 2 * int((trace.of("switch") & (trace.time < rounds[-1, 0])).sum())
+    assert noticed == before <= len(made)
+    assert rounds[:, 1].max() <= path.buffer
+    assert rounds[:, 3].sum() == 0 or path.when_full == "drop"
+    sent = sink.transfers()
+    assert sink.read <= sent[:, 2].sum() <= sink.written
+
+
+@settings(max_examples=30)
+@given(PATHS)
+def test_a_transfer_takes_ten_bits_a_byte_and_they_do_not_overlap(path):
+    sink, _ = sink_of("100|50", path)
+    begin, end, size = sink.transfers().T
+    assert (end - begin == -(-size * 10 * CPU_HZ // path.baud)).all()
+    assert (begin[1:] >= end[:-1]).all()
+    assert size.max(initial=1) <= path.capacity and size.min(initial=1) > 0
+
+
+def test_room_comes_back_when_the_whole_transfer_is_over():
+    sink, _ = sink_of("100|50", TracePath(baud=115_200))
+    times, fills = sink.curve()
+    back = times[1:][np.diff(fills) < 0]
+    ends = sink.transfers()[:, 1]
+    for at in back.tolist():
+        assert 0 <= at - ends[ends <= at].max() < 5 * MS // 1000 + 650  # the interrupt, a switch, and on
+
+
+def test_lines_are_as_long_as_their_text():
+    rows = [(0, 0, 0, -1, 0, 0), (216 * 332, 0, 1, 0, 0, 0), (216 * 1_234_567, 0, 0, 1, 0, 0)]
+    trace = Trace.from_rows(rows, ("IDLE", "hal_fetch"), CPU_HZ, end=216 * 2_000_000)
+    text = ["IDLE 332 0\n", "hal_fetch 332 1\n", "hal_fetch 1234567 0\n", "IDLE 1234567 1\n"]
+    assert lines(trace, 1, "text").tolist() == [len(line) for line in text]
+    assert lines(trace, 0, "record").tolist() == [8] * 6 and lines(trace, 0, "word").tolist() == [4] * 6
+
+
+def test_writing_several_at_a_time_gives_the_same_bytes_and_nearly_the_same_time():
+    one, _ = sink_of("100|50", TracePath(baud=12_500_000, batch=1), 200)
+    many, _ = sink_of("100|50", TracePath(baud=12_500_000, batch=16), 200)
+    assert many.written == pytest.approx(one.written, rel=0.06)
+
+
+def test_a_slow_link_loses_and_says_so_a_fast_one_does_not():
+    lost = {baud: int(sink_of("1000", TracePath(baud=baud), 300)[0].table()[:, 2].sum()) for baud in (115_200, 12_500_000)}
+    assert lost[12_500_000] == 0 < lost[115_200]
+
+
+def test_dropping_keeps_profile_from_waiting():
+    wait, _ = sink_of("10000|5000", TracePath(baud=115_200, batch=8))
+    drop, _ = sink_of("10000|5000", TracePath(baud=115_200, batch=8, when_full="drop"))
+    assert len(drop.table()) > len(wait.table()) and drop.table()[:, 3].sum() > 0
+
+
+@pytest.mark.parametrize(
+    ("wrong", "sentence"),
+    [
+        ({"baud": 0}, "trace path: baud = 0 is not allowed; allowed is 1 or more"),
+        ({"capacity": 100, "batch": 4}, "trace path: capacity = 100 is not allowed; allowed is 256 or more"),
+        ({"buffer": 0}, "trace path: buffer = 0"),
+        ({"every": 0}, "trace path: every = 0"),
+        ({"form": "morse"}, "trace path: form 'morse'; there are text, record, word"),
+        ({"when_full": "pray"}, "trace path: when_full 'pray'; there are wait, drop"),
+    ],
+)
+def test_bad_parameters_are_refused_in_one_sentence(wrong, sentence):
+    with pytest.raises(ValueError, match=sentence):
+        TracePath(**wrong)
