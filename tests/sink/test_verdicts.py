@@ -107,7 +107,7 @@ def test_a_capacity_that_does_not_divide_the_modulus_corrupts(variant):
 def test_claims_fail_after_a_whole_round_of_the_index_during_one_sleep(variant):
     """The compare-and-swap finds the index that it expects, a whole round later."""
     assert check_sink(variant, Ring(messages=5, capacity=2, modulus=4)).verdict == "overwritten"
-    assert check_sink(variant, Ring(messages=5, capacity=2, modulus=8)).verdict == "ok"  # five messages are no round of eight
+    assert check_sink(variant, Ring(messages=4, capacity=2, modulus=8)).verdict == "ok"  # four messages are no round of eight
     assert check_sink(variant, Ring(messages=5, capacity=2, modulus=4), "lowest").verdict in ("ok", "livelock")
 
 
@@ -215,17 +215,18 @@ def walk(run: Run, steps: int, rng: random.Random) -> Iterator[Run]:
 def test_random_walks_of_the_threads_themselves_agree(variant, use_dma):
     ring, rng = default_ring(variant, dma=use_dma), random.Random(variant)
     wrong = ended = 0
-    for _ in range(300):
-        run = Run(variant, ring).begin()
+    for _ in range(100):
+        run, seen = Run(variant, ring).begin(), 0
         for _ in walk(run, 400, rng):
-            if run.failed or not run.right:
+            if run.failed or (len(run.sent) > seen and not run.right):
                 wrong += 1
                 break
+            seen = len(run.sent)
         else:
             ended += len(run.sent) == ring.producers * ring.share
     expected = TABLE[variant][0]
-    assert (wrong > 0) == (expected in ("stale", "torn", "overwritten", "assert")), f"{wrong} of 300 walks went wrong"
-    assert ended > (200 if expected == "ok" else -1), f"{ended} of 300 walks sent everything"
+    assert (wrong > 0) == (expected in ("stale", "torn", "overwritten", "assert")), f"{wrong} of 100 walks went wrong"
+    assert ended > (80 if expected == "ok" else -1), f"{ended} of 100 walks sent everything"
 
 
 @pytest.mark.parametrize("variant", [v for v in TABLE if TABLE[v][0] in ("stale", "torn", "assert")])
