@@ -7,7 +7,7 @@ encoder data from the wheel controller to the odometry, the pose to the pose con
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 from typing import Any, Literal
 
@@ -83,12 +83,12 @@ def recorded(wheel_hz: int, caches: bool) -> dict[str, tuple[float, int]]:
 def work(wheel_hz: int = 100, caches: bool = True) -> Work:
     """Execution times from a published recording: means where they are told, sums shared out where they are not.
 
-    A stretch of `uros` lasts from one wait to the next, so what is left of it without callbacks is one spin pass. Every stretch of
-    a task has two stamps for `profile` to print; callbacks write their own.
+    A stretch of `uros` lasts from one wait to the next, so what is left of it without callbacks is one spin pass. Every stretch
+    of a task has two stamps for `profile` to print; callbacks write their own.
     """
     rows = recorded(wheel_hz, caches)
     mean = {name: m for name, (m, _) in rows.items()}
-    total = {name: s for name, (_, s) in rows.items()}
+    total = {name: float(s) for name, (_, s) in rows.items()}
     calls = {name: total[name] / mean[name] for name in rows}
     for name, others in ({} if caches else INTERRUPTED[wheel_hz]).items():
         mean[name] -= others
@@ -137,7 +137,7 @@ class MicroRos:
     limit: int = 1
     phase: int = 5
     trace_path: TracePath | None = None
-    host: Host = Host()
+    host: Host = field(default_factory=Host)
     costs: Costs = COSTS
 
     def __post_init__(self) -> None:
@@ -162,13 +162,14 @@ class Recording:
 
     Attributes:
         trace: of the kernel, with the callbacks as scopes. setup: what ran.
-        waits: rows (limit in ticks, DATA, TICK or EMPTY, end in cycles) of the executors' waits.
+        waits: rows of the executors' waits, see `Client`. encoder: the number of the encoder data among the topics.
         dropped: periods that each timer jumped over. sink: what became of the stamps.
     """
 
     trace: Trace
     setup: MicroRos
     waits: np.ndarray
+    encoder: int
     dropped: dict[str, int]
     sink: Sink | None
 
@@ -202,17 +203,21 @@ class Recording:
         return float(((self.waits[:, 0] > 0) & (self.waits[:, 1] == how)).sum()) / self.seconds
 
     @property
-    def paid(self) -> float:
-        """a of the guide: data that end a wait, per call of the wheel controller; 0 if it was never called."""
-        return self.ended(DATA) / self.rate if len(self.calls) else 0.0
+    def paid(self) -> float | None:
+        """a of the guide: encoder data that end a blocking wait, per call of the wheel controller; None if it was never called."""
+        return (
+            float(((self.waits[:, 0] > 0) & (self.waits[:, 3] == self.encoder)).sum()) / len(self.calls)
+            if len(self.calls)
+            else None
+        )
 
-    @property
-    def guide(self) -> float | None:
-        """R = 1000 / (2 - a): one of the three waits of a round does not block, each of the others ends by data or by a tick.
+    def guide(self, ticks: float = 1000) -> float | None:
+        """R = K / (2 - a), for so many waits per second that a tick ends, at most 1000.
 
-        None where that cannot be: more than two data per call.
+        Of the three waits of a round the wheel executor's does not block, each of the others ends by data or by a tick. What the
+        pose adds cancels out: each of its two timers saves a wait, each of its two messages ends one.
         """
-        return 1000 / (2 - self.paid) if self.paid < 2 else None
+        return ticks / (2 - self.paid) if self.paid is not None and self.paid < 2 else None
 
 
 def _publishes(name: str, cycles: int, message: Message | None, outbox: list[tuple[Message, int]]) -> Callback:
@@ -230,15 +235,14 @@ def _publishes(name: str, cycles: int, message: Message | None, outbox: list[tup
 
 def _keeps(os: Any, message: Any) -> Any:
     """A callback that only remembers what it got; its time is in the spin pass."""
-    return
-    yield
+    yield 0
 
 
 def executors(setup: MicroRos, outbox: list[tuple[Message, int]]) -> list[Executor]:
     """The executors of the firmware, or the one in their place: their handles in order, semantics and triggers."""
     cycles, how = setup.work, (setup.timer_rule, setup.phase)
     before = round(cycles.spin * BEFORE)
-    each = {"limit": setup.limit, "before": before, "after": cycles.spin - before}
+    each: dict[str, Any] = {"limit": setup.limit, "before": before, "after": cycles.spin - before}
     wheel = Timer(setup.wheel, _publishes("w_ctrl", cycles.w_ctrl, ENCODER_DATA, outbox), *how)
     odometry = Timer(setup.pose, _publishes("odometry", cycles.odometry_timer, ODOMETRY, outbox), *how)
     pose = Timer(setup.pose, _publishes("p_ctrl", cycles.p_ctrl, WHEEL_VEL, outbox), *how)
@@ -290,7 +294,7 @@ def simulate(setup: MicroRos, seconds: float, steps: Callable[[Iterable[int]], I
     agent, parts = Agent(setup.host, CPU_HZ, deliver), max(1, round(PARTS * seconds))
     for part in steps(range(1, parts + 1)):
         go_along(k, agent, outbox, round(seconds * CPU_HZ * part / parts))
-    waits = np.frombuffer(client.waits, dtype=np.int64).reshape(-1, 3)
+    waits = np.frombuffer(client.waits, dtype=np.int64).reshape(-1, 4)
     names = iter(("w_ctrl", "odometry", "p_ctrl"))
     dropped = {next(names): handle.dropped for handle in handles if isinstance(handle, Timer)}
-    return Recording(k.trace, setup, waits, dropped, sink)
+    return Recording(k.trace, setup, waits, list(client.subscriptions).index("encoder_data"), dropped, sink)

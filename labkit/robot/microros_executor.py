@@ -178,7 +178,8 @@ class Client:
         topic_of: the topic of a datagram; None if it carries no data (a heartbeat, an acknowledgement).
 
     Attributes:
-        waits: three numbers for each wait: its limit in ticks, what ended it, its end in cycles.
+        waits: four numbers for each wait: its limit in ticks, what ended it, its end in cycles, and the number of the topic whose
+            data ended it, in the order of the subscriptions (-1: none, or one that nobody has subscribed to).
         dropped: messages that found no free buffer.
     """
 
@@ -194,6 +195,7 @@ class Client:
             raise ValueError(f"wait rule {rule!r}; there are {', '.join(WAIT_RULES)}")
         self.mailbox, self.pool, self.rule, self.topic_of = mailbox, pool, rule, topic_of
         self.subscriptions: Mapping[str, Subscription] = {s.topic: s for s in subscriptions}
+        self._numbers = {topic: n for n, topic in enumerate(self.subscriptions)}
         self.waits = array("q")
         self.dropped = 0
 
@@ -205,7 +207,7 @@ class Client:
         if self.rule == "at least 1":
             limit = max(limit, 1)
         endless = self.rule == "for ever" or (self.rule == "0 is for ever" and limit == 0)
-        end = os.ticks + limit
+        end, number = os.ticks + limit, -1
         while True:
             datagram = yield os.receive(self.mailbox, None if endless else max(end - os.ticks, 0))
             if datagram is None:
@@ -214,12 +216,12 @@ class Client:
             topic = self.topic_of(datagram)
             if topic is not None:
                 self.store(topic, datagram)
-                ended = DATA
+                ended, number = DATA, self._numbers.get(topic, -1)
                 break
             if not endless and os.ticks >= end:
                 ended = TICK if limit else EMPTY
                 break
-        self.waits.extend((limit, ended, os.now))
+        self.waits.extend((limit, ended, os.now, number))
 
     def store(self, topic: str, message: Any) -> None:
         """Rule 16: the newest `depth` stay; if all of the pool is taken by others, the message is dropped."""

@@ -57,7 +57,8 @@ TWIST, POSE2D = 6 * DOUBLE, 3 * DOUBLE
 def wheel_state(frame_id: int) -> int:
     """Bytes in CDR of the wheel state: a header whose frame id has so many characters, four doubles, a Twist.
 
-    Of the header: stamp (seconds, nanoseconds), length of the text, the text with its terminator; doubles stand at multiples of 8.
+    Of the header: stamp (seconds, nanoseconds), length of the text, the text with its terminator; a double stands at a multiple
+    of 8.
     """
     header = 4 + 4 + 4 + frame_id + 1
     return -(-header // DOUBLE) * DOUBLE + 4 * DOUBLE + TWIST
