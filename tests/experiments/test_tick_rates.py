@@ -1,0 +1,165 @@
+"""Notebook 05: published listings and shares, loss that is never silent, pictures of long recordings, bounds, exercises."""
+
+import time
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from labkit.experiments.listings import Listings, begins, check_next_gap, excerpt
+from labkit.experiments.robot_path import PathAgainstRate, RobotPath, check_whole_way
+from labkit.experiments.tick_bound import TICKS, TickBound, check_tick_bound
+from labkit.experiments.tick_rates import LongRun, TickRates, check_no_loss, envelope, starts, window
+from labkit.robot import CPU_HZ, RATES
+
+
+@pytest.mark.parametrize("rates", ["50|30", "100|50"])
+@pytest.mark.parametrize("caches", [True, False])
+def test_idle_shares_of_tables_6_to_9(rates, caches):
+    experiment = TickRates(rates=rates, caches=caches)
+    idle = experiment.metrics(experiment.run())[0]
+    assert idle.value == pytest.approx(idle.published, abs=0.3)
+
+
+def test_nobody_published_an_idle_share_above_100_hertz():
+    for rates in ("1000", "5000|2000", "10000|5000"):
+        assert TickRates(rates=rates).metrics(TickRates(rates=rates).run())[0].published is None
+
+
+def test_without_the_tracer_starts_are_as_regular_as_the_order_of_equals_lets_them_be():
+    for rates in RATES:
+        found = TickRates(rates=rates, tracer=False).run()
+        assert found.late == 0 and found.lost() == 0
+        assert found.off < 24  # the two slow tasks and their switches
+
+
+def test_profile_among_the_control_tasks_takes_whole_ticks_from_them():
+    among, below = (TickRates(rates="1000", baud=12_500_000, below=below).run() for below in (False, True))
+    assert among.late > 0 and among.off > 900
+    assert below.late == 0 and below.off < 30
+
+
+def test_the_temp_buffer_overflows_at_ten_kilohertz_and_not_at_five():
+    five, ten = (TickRates(rates=rates, baud=12_500_000).run() for rates in ("5000|2000", "10000|5000"))
+    assert five.lost() < 0.02 * five.taken() and ten.lost() > 0.5 * ten.taken()
+
+
+@settings(max_examples=40)
+@given(TickRates.strategy())
+def test_loss_is_never_silent(experiment):
+    """Whatever has been stamped is taken over, lost and counted, or still fits the temp buffer."""
+    found = experiment.run()
+    stamped = 2 * int(found.history.trace.of("switch").sum())
+    if experiment.tracer:
+        assert found.taken() + int(found.sink.table()[:, 2].sum()) <= stamped
+        dropped = int(found.sink.table()[:, 3].sum())
+        waiting = stamped - found.taken() - (found.lost() - dropped)
+        assert 0 <= waiting <= experiment.buffer
+    else:
+        assert found.lost() == found.taken() == 0
+    assert 0 <= found.on_air() <= 1
+    assert sum(found.shares.values()) <= 1 + 1e-9
+
+
+@settings(max_examples=100)
+@given(st.floats(0, 120), st.floats(0, 120))
+def test_a_window_is_never_empty_and_never_outside(start, end):
+    low, high = window(start, end, 100)
+    assert 0 <= low < high <= 100 + 1e-9
+
+
+def test_an_envelope_keeps_the_extremes():
+    time_, value = np.arange(100_000) / 1000, np.random.default_rng(1).integers(0, 1000, 100_000)
+    value[[51_234, 77_777]] = (-5, 2000)
+    at, found = envelope(time_, value, 0.0, 100.0)
+    assert len(at) == len(found) <= 2 * 700 and (found.min(), found.max()) == (-5, 2000)
+    at, found = envelope(time_, value, 10.0, 10.01)
+    assert at[0] <= 10.0 and np.array_equal(found, value[10_000:10_011])
+
+
+def test_listing_37_its_intervals_and_the_one_that_does_not_fit():
+    told, model = excerpt("xu2025_trace_5000_2000hz.csv"), Listings(listing="37").run().model
+    assert np.diff(begins(told, "wheel_ctrl")).tolist() == [217]  # not 200
+    assert np.diff(begins(told, "odometry")).tolist() == [499]
+    gaps = Listings(listing="37").run().gaps
+    assert gaps["wheel_ctrl"][1] == pytest.approx(217, abs=5) and gaps["hal_fetch"][1] == pytest.approx(218, abs=5)
+    assert gaps["odometry"][1] == pytest.approx(499, abs=4)
+    order = [model.names[task] for task in model.rows("switch")[:, 2].tolist() if task >= 0]
+    at = order.index("odometry")
+    assert order[at : at + 4] == ["odometry", "pose_ctrl", "hal_fetch", "wheel_ctrl"]
+
+
+def test_listing_38_its_order_and_intervals():
+    found = Listings(listing="38").run()
+    order = [found.model.names[task] for task in found.model.rows("switch")[:, 2].tolist()]
+    at = order.index("pose_ctrl")
+    assert order[at - 1 : at + 4] == ["tsink", "pose_ctrl", "odometry", "hal_fetch", "wheel_ctrl"]
+    assert found.gaps["hal_fetch"] == (79, pytest.approx(79, abs=2))
+    assert found.gaps["pose_ctrl"] == (196, pytest.approx(196, abs=2))
+    told, model = found.gaps["wheel_ctrl"]
+    assert told - model == pytest.approx(11, abs=2)  # tsink, which the link called in between
+
+
+@pytest.mark.parametrize(("rates", "fast", "slow"), [("5000|2000", 200, 500), ("10000|5000", 100, 200)])
+def test_intervals_are_200_and_500_then_100_and_200_us_in_the_mean(rates, fast, slow):
+    trace = TickRates(rates=rates, tracer=False).run().history.trace
+    assert np.diff(starts(trace)).mean() * 1e6 / CPU_HZ == pytest.approx(fast, abs=0.5)
+    odometry = starts(trace, "odometry", "enc_delta_odom_queue")
+    assert np.diff(odometry).mean() * 1e6 / CPU_HZ == pytest.approx(slow, abs=0.5)
+
+
+def test_any_window_of_a_long_recording_is_drawn_from_its_parts():
+    experiment = LongRun(rates="5000|2000", seconds=2)
+    result = experiment.run()
+    assert len(result.history.trace) > 100_000
+    experiment.figure(result)
+    for start, end in ((0, 20_000), (500, 510), (100, 1900), (2000, 2000), (700, 690)):
+        begin = time.process_time()
+        figure = experiment.replace(start=start, end=end).figure(result)
+        assert time.process_time() - begin < 1  # a busy machine; 10 ms on an idle one
+        low, high = figure["layout"]["xaxis"]["range"]
+        assert 0 <= low < high <= 2000
+        assert sum(np.size(trace["x"]) for trace in figure["data"]) < 30_000
+    assert figure["layout"]["meta"]["range"] == ("start", "end")
+
+
+def test_the_bound_of_the_tick_is_what_the_model_reaches():
+    experiment = TickBound()
+    result = experiment.run()
+    for i, hz in enumerate(TICKS):
+        assert result.simulated_ticks[i] == pytest.approx(result.ticks[i], abs=0.001)
+        assert result.simulated[i] == pytest.approx(min(result.control[i], 1), abs=0.003), hz
+    alone, control = experiment.bounds()
+    assert alone == CPU_HZ / 200
+    assert 20_000 < control < 40_000
+
+
+@settings(max_examples=25)
+@given(TickBound.strategy())
+def test_what_is_simulated_never_exceeds_the_analysis(experiment):
+    result = experiment.run()
+    for simulated, bound in zip(result.simulated, result.control, strict=True):
+        assert simulated is None or simulated <= min(bound, 1) + 0.01
+
+
+def test_faster_is_better_only_as_long_as_the_processor_keeps_up():
+    light, heavy = PathAgainstRate(work=1).run(), PathAgainstRate(work=30).run()
+    assert light.error[0] > light.error[1] > light.error[2] and light.late == [0] * 5
+    assert heavy.error[-1] > 1.3 * min(heavy.error) and heavy.late[-1] > 50 and heavy.late[:2] == [0, 0]
+
+
+def test_exercises_ask_the_model():
+    assert not check_no_loss(TickRates()).solved
+    assert not check_no_loss(TickRates(rates="10000|5000")).solved
+    assert not check_no_loss(TickRates(rates="10000|5000", baud=115_200, buffer=2048)).solved
+    assert not check_no_loss(TickRates(rates="10000|5000", tracer=False)).solved
+    assert check_no_loss(TickRates(rates="10000|5000", baud=12_500_000, form="word", buffer=1024)).solved
+    assert check_next_gap(183).solved and not check_next_gap(200).solved and not check_next_gap(217).solved
+    assert not check_whole_way(RobotPath()).solved
+    assert not check_whole_way(RobotPath(rates="1000")).solved
+    for channel in ("accumulate", "positions", "queue"):
+        assert check_whole_way(RobotPath(channel=channel)).solved
+    bound = TickBound(caches=False).bounds()[1]
+    assert check_tick_bound(round(bound)).solved
+    assert not check_tick_bound(1000).solved and not check_tick_bound(1_080_000).solved
