@@ -153,8 +153,8 @@ class Machine:
         return all(self.node(state, thread).kind == _DONE for thread in range(self.ring.producers))
 
     def asleep(self, state: State, thread: int) -> bool:
-        """It waits for a tick."""
-        return self.node(state, thread).kind in _ASLEEP
+        """It has paused, and a tick wakes it. (A release is no such thing: it is work to come.)"""
+        return self.node(state, thread).kind == _SLEEP
 
 
 def _memory(ring: Ring, variant: Variant) -> dict[str, int]:

@@ -24,6 +24,7 @@ from labkit.kernel import Kernel, read_scenario, run_scenario, write_events, wri
 from labkit.outside import read_json
 from labkit.phases import read_chain, windows
 from labkit.scheduler import schedule, write_schedule
+from labkit.sink import encode_frame, read_frames
 from labkit.trace import Trace, export_csv, export_npz, read_csv, read_log, read_npz, statistics
 
 HERE = Path(__file__).parent
@@ -144,6 +145,15 @@ def take_tasks(path):
         json.dumps(verdict)
 
 
+def take_frames(path):
+    """Every line has its verdict, and what is told of it is JSON."""
+    found = read_frames(path)
+    data = path.read_bytes().removeprefix(b"\xef\xbb\xbf")
+    assert len(found) == data.count(b"\n") + (not data.endswith(b"\n")) * bool(data)
+    json.dumps([reception.as_dict() for reception in found], allow_nan=False)
+
+
+FRAMES = "\n".join([encode_frame(1, -2, 0.5).hex(), encode_frame(0, 1e-300, 9).hex(" "), "00ff", ""]).encode()
 SCENARIOS = ("02_inversion_mutex.json", "07e_send_front_order.json", "08c_notify_timeout_and_task_give.json")
 READERS = {
     "log": (damage.damaged, logs, take_log),
@@ -152,6 +162,7 @@ READERS = {
     "tasks": (damage.damaged_json, lambda: [json.dumps(TASKS).encode()], take_tasks),
     "chain": (damage.damaged, lambda: [CHAIN.encode()], lambda path: windows(read_chain(path), 50_000_000)),
     "npz trace": (damage.damaged_npz, npz_traces, lambda path: statistics(read_npz(path))),
+    "frames": (damage.damaged, lambda: [FRAMES], take_frames),
     "references": (damage.damaged_npz, references, read_trace),
 }
 
@@ -202,6 +213,11 @@ COMMANDS = {
     "cache": [
         ["cache", "data.npz", "--size", "4096", "--ways", "2", "--line", "16", "--policy", "plru", "--seed", "3", "--json"]
     ],
+    "check-sink": [
+        ["check-sink", "--variant", "published-first", "--producers", "1", "--capacity", "4", "--modulus", "8", "--json"],
+        ["check-sink", "--variant", "sequence", "--messages", "1", "--bytes", "2", "--schedule", "lowest", "--budget", "300"],
+    ],
+    "frames": [["frames", "bursts.txt", "--json"], ["frames", "bursts.txt"]],
     "windows": [["windows", "chain.csv", "--period-ns", "50000000", "--reserve-ns", "2000000", "--json"]],
 }
 
@@ -216,6 +232,7 @@ def test_a_command_line_runs_or_says_what_is_wrong(command, batch, tmp_path, mon
         "tasks.json": json.dumps(TASKS).encode(),
         "data.npz": references()[0],
         "chain.csv": CHAIN.encode(),
+        "bursts.txt": FRAMES,
     }
     ended = {0: 0, 1: 0, 2: 0}
     monkeypatch.chdir(tmp_path)
