@@ -24,9 +24,9 @@ def test_processes_give_the_same_table():
 def test_a_dask_cluster_gives_the_same_table():
     import distributed
 
-    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None, host="127.0.0.1") as cluster:
-        with distributed.Client(cluster) as client:
-            pd.testing.assert_frame_equal(sweep(PriorityInversion, client=client, **AXES), sweep(PriorityInversion, **AXES))
+    here = {"dashboard_address": None, "host": "127.0.0.1"}
+    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, **here) as cluster, distributed.Client(cluster) as client:
+        pd.testing.assert_frame_equal(sweep(PriorityInversion, client=client, **AXES), sweep(PriorityInversion, **AXES))
 
 
 def test_a_wrong_value_stops_the_sweep_before_it_starts():

@@ -66,7 +66,7 @@ class ThreeTasks(Experiment[Schedule]):
             return forever
 
         for task in reversed(tasks):
-            k.task(task.name, body(task), PRIORITY[task.name], deadline=task.period * k.us)
+            k.task(task.name, body(task), PRIORITY[task.name], deadline=task.period * k.us, released=True)
         run = k.run(until=HORIZON * k.ms)
         bounds = response_times(tasks)
         return Schedule(run, self._longest(run), {name: None if r is None else r / 1000 for name, r in bounds.items()})

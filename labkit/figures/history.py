@@ -50,7 +50,8 @@ class History:
             at = first + int(np.searchsorted(found.start[first:last], low, side="right")) - 1
             begin = min(begin, int(found.start[at]) if at >= first else self.trace.start)
         rows = np.arange(*np.searchsorted(self.trace.time, (begin, high + 1)))
-        return History(replace(self.trace.take(rows), start=begin, end=min(high, self.trace.end)))
+        end = min(high, self.trace.end)
+        return History(replace(self.trace.take(rows), start=begin, end=end, closed=self.trace.closed or end < self.trace.end))
 
     @cached_property
     def runs(self) -> np.ndarray:
@@ -103,7 +104,7 @@ class History:
     @cached_property
     def misses(self) -> np.ndarray:
         """Deadlines missed, those of `labkit.trace.jobs(trace).missed` by less work: all rows are not sorted by job for it."""
-        end, tasks = self.trace.end, len(self.trace.names)
+        end, tasks = self.trace.last, len(self.trace.names)
         done, when = self._events("complete", self.trace.value), self._events("complete", self.trace.time)[:, 2]
         due = self.deadlines[self.deadlines[:, 2] <= end]
         known = (done[:, 2] >= 0) & (done[:, 2] <= end)

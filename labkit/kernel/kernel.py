@@ -39,6 +39,7 @@ from labkit.kernel.objects import FOREVER, Mutex, Queue, Semaphore, Task
 from labkit.kernel.protocols import PROTOCOLS
 from labkit.kernel.requests import Services
 from labkit.kernel.run import Run, TaskInfo, Wait, find_deadlock
+from labkit.kernel.services import release
 from labkit.trace import CODE, Trace
 
 CREATE, READIED = CODE["create"], CODE["ready"]
@@ -156,12 +157,20 @@ class Kernel:
         length = whole(length, 1, f"queue {name!r} has room for", " items")
         return Queue(name, self._new(name), length)
 
-    def task(self, name: str, body: Body, priority: int, deadline: int | None = None, stack_free: int | None = None) -> Task:
+    def task(
+        self,
+        name: str,
+        body: Body,
+        priority: int,
+        deadline: int | None = None,
+        stack_free: int | None = None,
+        released: bool = False,
+    ) -> Task:
         """A task, ready at time 0. `body(os)` is a generator of requests; when it returns, the task ends.
 
         `deadline`, in cycles after each release, is noted in the trace at every release; `stack_free`, in words, is passed on to
-        the task list. A body that begins with its work is known to have jobs only at its first delay_until; to have the first
-        one and its deadline in the trace even if it never ends, begin with `yield os.release()`.
+        the task list. A body that begins with its work is known to have jobs only at its first delay_until; say `released` to
+        have its first job, released at 0, and the deadline of that in the trace even if it never ends or never begins.
         """
         if self._started:
             raise ValueError(f"task {name!r} is created after the start; create all tasks before the first run")
@@ -174,6 +183,8 @@ class Kernel:
             raise ValueError(f"the body of task {name!r} is no generator function; it must yield its requests")
         task = self._create(name, code, priority, deadline, stack_free)
         task.send = generator.send
+        if released:
+            release(self._core, task, 0)
         return task
 
     def _create(self, name: str, code: int, priority: int, deadline: int | None = None, stack_free: int | None = None) -> Task:

@@ -154,7 +154,7 @@ def trace_of(
     blocks.append((time, 6, CODE["switch"], task, other, value, state))
     columns = _in_order(blocks, until, len(names))
     of = (*(-1 for _ in range(tasks)), *range(tasks)) if exceptions else ()
-    return Trace.from_columns(columns, names, hz, end=until, exception_of=of)
+    return Trace.from_columns(columns, names, hz, end=until, exception_of=of, closed=True)
 
 
 #: Rows of one kind: time, order within the instant, kind, task, other, value, extra; a number stands for all of them.

@@ -1,7 +1,7 @@
 """A trace as a file that gives the identical trace back: CSV for people and other programs, npz for large ones.
 
-Both begin with a head: hz, start, end, names and, where there are some, `exception_of`. Files from outside are checked: no
-number of events, size or content of a file does more than raise `LogError`.
+Both begin with a head: hz, start, end, names and, where they say anything, `exception_of` and `closed`. Files from outside are
+checked: no number of events, size or content of a file does more than raise `LogError`.
 """
 
 from __future__ import annotations
@@ -157,18 +157,19 @@ def _array(archive: zipfile.ZipFile, name: str, dtype: type[np.generic], most: i
 
 def _head_of(trace: Trace) -> dict[str, Any]:
     head: dict[str, Any] = {"hz": trace.hz, "start": trace.start, "end": trace.end, "names": trace.names}
-    return {**head, "exception_of": trace.exception_of} if trace.exception_of else head
+    more = {"exception_of": trace.exception_of, "closed": trace.closed}
+    return head | {key: value for key, value in more.items() if value}
 
 
 def _head(line: str | bytes) -> dict[str, Any]:
     try:
         head = json.loads(line)
         numbers = all(type(head[key]) is int and abs(head[key]) < 1 << 63 for key in ("hz", "start", "end"))
-        names, of = head["names"], head.setdefault("exception_of", [])
+        names, of, closed = head["names"], head.setdefault("exception_of", []), head.setdefault("closed", False)
         count = len(names)
         named = isinstance(names, list) and all(isinstance(name, str) for name in names)
         owned = not of or (len(of) == count and all(type(task) is int and -1 <= task < count for task in of))
-        if numbers and head["hz"] > 0 and named and owned:
+        if numbers and head["hz"] > 0 and named and owned and isinstance(closed, bool):
             return head
     except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
         pass
@@ -213,6 +214,7 @@ def _trace(head: dict[str, Any], columns: dict[str, np.ndarray]) -> Trace:
         end=head["end"],
         exception_of=head["exception_of"],
         core=core,
+        closed=head["closed"],
     )
 
 

@@ -78,7 +78,7 @@ class Jobs:
         release: nominal release; deadline: absolute deadline; start: when the job first ran.
         completion: of the main part or, after an abort, of the exception part; abort: when the main part was aborted.
         response: completion - release; tardiness: how much later than the deadline it was complete, at least 0.
-        missed: bool; the deadline is known, not after the end of the trace, and the job was not complete by then.
+        missed: bool; the deadline is known, not after `Trace.last`, and the job was not complete by then.
         main, exception: processor time granted to either part.
         names: those of the trace.
     """
@@ -144,7 +144,7 @@ def slices(trace: Trace) -> Slices:
 def jobs(trace: Trace) -> Jobs:
     """What became of each job that is released or ends in the trace, see `Jobs`.
 
-    A job that is due at the very end of the trace and does not end in it counts as missed.
+    A job that is due at the very end counts as missed only if the trace is closed, so that its end there would be in it.
     """
     owner, _ = owners(trace)
     rows = {kind: _rows(trace, kind) for kind in ("release", "deadline", "complete", "abort")}
@@ -162,7 +162,7 @@ def jobs(trace: Trace) -> Jobs:
     release, completion, abort = column("release", trace.value), column("complete", trace.time), column("abort", trace.time)
     deadline = np.maximum.reduce([column(kind, trace.value) for kind in ("deadline", "complete", "abort")])
     ended = completion >= 0
-    due = (deadline >= 0) & (deadline <= trace.end)
+    due = (deadline >= 0) & (deadline <= trace.last)
 
     ran = slices(trace)
     known = ran.job >= 0

@@ -33,6 +33,7 @@ class Trace:
         start, end: the observed interval, in time units; a run or span still open at `end` is cut there.
         exception_of: per name the index of the task whose exception part it is, or -1; empty if there is no such part.
         core: number of the core of each event, int64 of shape (n,); None if there is only one. See `cores`.
+        closed: whether what happens at `end` itself is in it, as in a schedule, or not, as in a kernel that was stopped there.
     """
 
     time: np.ndarray
@@ -47,6 +48,12 @@ class Trace:
     end: int
     exception_of: tuple[int, ...] = ()
     core: np.ndarray | None = None
+    closed: bool = False
+
+    @property
+    def last(self) -> int:
+        """The last instant of which everything is known: a deadline up to it is met or missed."""
+        return self.end if self.closed else self.end - 1
 
     @classmethod
     def from_rows(
@@ -74,6 +81,7 @@ class Trace:
         start: int = 0,
         exception_of: Iterable[int] = (),
         core: np.ndarray | None = None,
+        closed: bool = False,
     ) -> Trace:
         """Build a trace from an int64 array of shape (6, n), its rows in the order of `COLUMNS`, already in order of time.
 
@@ -85,7 +93,7 @@ class Trace:
         if back.any():
             at = int(np.argmax(back)) + 1
             raise ValueError(f"event {at} at time {time[at]} comes after one at {time[at - 1]}; a trace is in order of time")
-        return cls(time, kind, task, other, value, extra, tuple(names), hz, start, end, tuple(exception_of), core)
+        return cls(time, kind, task, other, value, extra, tuple(names), hz, start, end, tuple(exception_of), core, closed)
 
     def __len__(self) -> int:
         return len(self.time)
@@ -148,10 +156,11 @@ class Trace:
         """
         if not self.start <= start <= end <= self.end:
             raise ValueError(f"window {start}..{end} is not inside the recording {self.start}..{self.end}")
+        closed = self.closed or end < self.end
         ending = (self.time == end) & (self.of("complete", "abort") | (end == self.end))
         inside = (self.time >= start) & (self.time < end) | ending
         if start == self.start or start == end:
-            return replace(self.take(inside), start=start, end=end)
+            return replace(self.take(inside), start=start, end=end, closed=closed)
         early = self.time < start
         running = [rows[-1] for rows in self._by_core(early & self.of("switch"))]
         costs = np.flatnonzero(early & self.of("overhead") & (self.time + self.value > start))
@@ -160,7 +169,7 @@ class Trace:
         made.other[:first], made.extra[:first] = -1, -1
         made.value[first:last] -= start - made.time[first:last]
         made.time[:last] = start
-        return replace(made, start=start, end=end)
+        return replace(made, start=start, end=end, closed=closed)
 
     def _by_core(self, wanted: np.ndarray) -> list[np.ndarray]:
         """Positions of the events wanted, core by core; cores without any are left out."""

@@ -10,7 +10,7 @@ pytestmark = pytest.mark.browser
 
 #: What the picture shows of a bar chart: where its bars are.
 BARS = "figure => figure.data.filter(t => t.type === 'bar' && t.base).map(t => [Array.from(t.base), Array.from(t.x)])"
-WIDTHS = "figure => [figure.layout.font.size, figure.getBoundingClientRect().width, figure.parentElement.getBoundingClientRect().width]"
+WIDTHS = "f => [f.layout.font.size, f.getBoundingClientRect().width, f.parentElement.getBoundingClientRect().width]"
 
 BROKEN = '''
 from typing import Annotated

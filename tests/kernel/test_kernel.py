@@ -3,6 +3,7 @@
 import numpy as np
 
 from labkit.kernel import Kernel
+from labkit.trace import jobs
 from labkit.trace.folds import runs
 
 
@@ -187,3 +188,39 @@ def test_a_job_can_be_marked_by_hand():
     run = k.run(until=9)
     assert run.trace.rows("release")[:, [0, 4]].tolist() == [[2, 2]]
     assert run.trace.rows("complete")[:, [0, 4]].tolist() == [[5, 12]]
+
+
+def first_job(released: bool):
+    """A task that never gets to run, with a deadline it cannot meet."""
+    k = Kernel(cpu_hz=1000, tick_hz=1000)
+
+    def forever(os):
+        yield os.compute(1000)
+
+    def body(os):
+        yield os.compute(1)
+        yield os.delay_until(50)
+
+    k.task("high", forever, priority=2)
+    k.task("low", body, priority=1, deadline=20, released=released)
+    return jobs(k.run(until=100).trace)
+
+
+def test_a_job_released_at_the_start_is_missed_though_it_never_begins():
+    (missed,) = np.flatnonzero(first_job(released=True).missed)
+    found = first_job(released=True)
+    assert (found.release[missed], found.deadline[missed], found.start[missed]) == (0, 20, -1)
+    assert not first_job(released=False).missed.any()
+
+
+def test_what_would_end_at_the_very_end_of_a_run_is_not_yet_missed():
+    k = Kernel(cpu_hz=1000, tick_hz=1000)
+
+    def body(os):
+        yield os.compute(20)
+        yield os.delay_until(50)
+
+    k.task("low", body, priority=1, deadline=20, released=True)
+    assert not jobs(k.run(until=20).trace).missed.any()
+    assert not jobs(k.run(until=21).trace).missed.any()
+    assert jobs(k.trace.window(0, 19)).missed.tolist() == [False]

@@ -1,5 +1,7 @@
 """Slices and jobs of every scheduler's trace, and of windows of it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -78,11 +80,13 @@ def test_time_of_the_kernel_is_in_no_slice():
     ("end_of_job", "end", "missed", "tardiness"),
     [(4, 9, False, 0), (5, 9, False, 0), (6, 9, True, 1), (None, 9, True, -1), (None, 5, True, -1), (None, 4, False, -1)],
 )
-def test_a_miss_follows_from_deadline_and_completion(end_of_job, end, missed, tardiness):
+@pytest.mark.parametrize("closed", [True, False])
+def test_a_miss_follows_from_deadline_and_completion(end_of_job, end, missed, tardiness, closed):
+    missed = missed and (closed or end > 5)  # what ends exactly at the end is not in an open trace
     rows = [(0, "release", "A", 0, 0), (0, "deadline", "A", 5, 0), (0, "switch", "A", 1, -1)]
     if end_of_job:
         rows.append((end_of_job, "complete", "A", 5, 0))
-    table = jobs(trace_of(rows, "A", end))
+    table = jobs(replace(trace_of(rows, "A", end), closed=closed))
     assert (table.missed.tolist(), table.tardiness.tolist(), table.deadline.tolist()) == ([missed], [tardiness], [5])
 
 
