@@ -7,7 +7,7 @@ from labkit.sink.check import Check, check_sink, default_ring
 from labkit.sink.crc import crc32_mpeg2, crc32_mpeg2_bitwise, crc32_mpeg2_words
 from labkit.sink.explorer import BUDGET, VERDICTS
 from labkit.sink.formats import Decoded, Stream, decode_records, decode_words, link_load
-from labkit.sink.frames import FRAME_BYTES, Reception, check_frame, encode_frame, pieces, read_frames, receptions
+from labkit.sink.frames import FRAME_BYTES, Reception, check_frame, encode_frame, pieces, read_frames, read_late, receptions
 from labkit.sink.history import Step
 from labkit.sink.lessons import LESSONS, PREAMBLE, Lesson
 from labkit.sink.ring import SCHEDULES, Ring
@@ -46,6 +46,7 @@ __all__ = [
     "link_load",
     "pieces",
     "read_frames",
+    "read_late",
     "receptions",
     "unwrap",
     "wrap",

@@ -19,7 +19,8 @@ VERDICTS = ("ok", "stale", "torn", "lost", "overwritten", "deadlock", "livelock"
 #: States after which a search stops, if nothing else is said: about 200 MB and 10 s at most.
 BUDGET = 500_000
 
-MOST_BUDGET = 20_000_000
+#: The largest budget: with the largest rings some 3 GB.
+MOST_BUDGET = 2_000_000
 
 
 @dataclass(frozen=True)

@@ -118,6 +118,15 @@ def pieces(data: bytes, size: int = FRAME_BYTES) -> Iterator[bytes]:
     return (data[i : i + size] for i in range(0, len(data), whole(size, 1, "the length of a piece")))
 
 
+def read_late(frame: bytes, following: bytes, arrived: int) -> bytes:
+    """What a task reads from a buffer that the interrupt has armed again at once, when so many bytes of the next have arrived.
+
+    The public code behind source 1 does so: under load the task sees the head of one frame and the tail of another.
+    """
+    arrived = whole(arrived, 0, "the number of bytes that have arrived", min(len(frame), len(following)))
+    return following[:arrived] + frame[arrived:]
+
+
 def check_lines(lines: Iterable[bytes]) -> Iterator[Reception]:
     """One reception per line of hexadecimal digits (blanks between bytes are allowed)."""
     for line in lines:

@@ -18,6 +18,7 @@ from labkit.sink import (
     encode_frame,
     pieces,
     read_frames,
+    read_late,
     receptions,
 )
 from labkit.sink.frames import VELOCITY_BAUD, byte_ns
@@ -153,6 +154,18 @@ def test_a_pause_shorter_than_a_byte_is_no_silence():
     for pause, found in ((length - 1, [28]), (length, [10, 18])):
         times = [i * length + (pause if i >= 10 else 0) for i in range(28)]
         assert [len(data) for data in receptions(times, FRAME)] == found
+
+
+def test_a_buffer_armed_too_early_tears_frames_and_the_checksum_sees_it():
+    rng = random.Random(5)
+    first, second = (encode_frame(*(rng.gauss(0, 1) for _ in "xyz")) for _ in range(2))
+    verdicts = [check_frame(read_late(first, second, arrived)).verdict for arrived in range(29)]
+    assert verdicts == ["ok", *["crc"] * 27, "ok"]
+    assert check_frame(read_late(first, second, 28)) == check_frame(second) != check_frame(first)  # the first is lost
+    with pytest.raises(
+        ValueError, match=r"^the number of bytes that have arrived is 29; a whole number from 0 to 28 is allowed$"
+    ):
+        read_late(first, second, 29)
 
 
 @pytest.mark.parametrize(

@@ -337,7 +337,7 @@ def test_as_dict_has_the_question_and_the_answer():
     [
         (lambda: check_sink("none"), "there is no variant 'none'; there are published-first, published-first-mutex"),
         (lambda: check_sink("sequence", schedule="fair"), "there is no schedule 'fair'; there are free, higher, equal, lowest"),
-        (lambda: check_sink("sequence", budget=0), "the budget of states is 0; a whole number from 1 to 20000000 is allowed"),
+        (lambda: check_sink("sequence", budget=0), "the budget of states is 0; a whole number from 1 to 2000000 is allowed"),
         (lambda: Ring(capacity=0), "the capacity of the ring is 0; a whole number from 1 to 64 is allowed"),
         (lambda: Ring(modulus=1), "the modulus of the indices is 1; a whole number from 2 to 4294967296 is allowed"),
         (lambda: Ring(producers=9), "the number of producers is 9; a whole number from 1 to 8 is allowed"),
