@@ -28,14 +28,16 @@ def traces(draw):
     rows = [(t, draw(st.integers(0, len(KINDS) - 1)), draw(code), draw(code), draw(INT64), draw(INT64)) for t in times]
     start, end = (times[0], times[-1]) if times else (0, 0)
     of = draw(st.one_of(st.just([]), st.lists(code, min_size=len(names), max_size=len(names))))
-    trace = Trace.from_rows(rows, names, draw(st.integers(1, 10**12)), start=start, end=end, exception_of=of)
+    trace = Trace.from_rows(
+        rows, names, draw(st.integers(1, 10**12)), start=start, end=end, exception_of=of, closed=draw(st.booleans())
+    )
     core = st.lists(st.integers(0, 3), min_size=len(rows), max_size=len(rows)).map(lambda made: np.array(made, dtype=np.int64))
     return replace(trace, core=draw(st.one_of(st.none(), core)))
 
 
 def same(a, b):
     cores = a.core is b.core is None or np.array_equal(a.core, b.core)
-    heads = [(t.names, t.hz, t.start, t.end, t.exception_of) for t in (a, b)]
+    heads = [(t.names, t.hz, t.start, t.end, t.exception_of, t.closed) for t in (a, b)]
     return np.array_equal(a.rows(), b.rows()) and cores and heads[0] == heads[1]
 
 
