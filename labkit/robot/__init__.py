@@ -3,31 +3,63 @@
 from labkit.robot.drive import COURSES, Course, Drive, drive, motors
 from labkit.robot.firmware import CHANNELS, COSTS, CREATED, PRIORITIES, Board, Channel, Firmware, build, published
 from labkit.robot.mecanum import TOP_RIM, body_velocity, moved, wheel_speeds, wrapped
+from labkit.robot.microros import CALLBACKS, MicroRos, Recording, Work, recorded, robot, simulate, work
+from labkit.robot.microros_executor import (
+    DATA,
+    EMPTY,
+    TICK,
+    TIMER_RULES,
+    WAIT_RULES,
+    Client,
+    Executor,
+    Subscription,
+    Timer,
+    spin,
+    spin_once,
+    spin_periodically,
+)
+from labkit.robot.microros_network import MESSAGES, Host, Message
 from labkit.robot.plant import Bench, Plant, angles, increments
 from labkit.robot.rates import CPU_HZ, PERIODIC, PUBLISHED_NAMES, RATES, Rates, execution, rates, stamp_line
 from labkit.robot.trace_path import Sink, TracePath
 
 __all__ = [
+    "CALLBACKS",
     "CHANNELS",
     "COSTS",
     "COURSES",
     "CPU_HZ",
     "CREATED",
+    "DATA",
+    "EMPTY",
+    "MESSAGES",
     "PERIODIC",
     "PRIORITIES",
     "PUBLISHED_NAMES",
     "RATES",
+    "TICK",
+    "TIMER_RULES",
     "TOP_RIM",
+    "WAIT_RULES",
     "Bench",
     "Board",
     "Channel",
+    "Client",
     "Course",
     "Drive",
+    "Executor",
     "Firmware",
+    "Host",
+    "Message",
+    "MicroRos",
     "Plant",
     "Rates",
+    "Recording",
     "Sink",
+    "Subscription",
+    "Timer",
     "TracePath",
+    "Work",
     "angles",
     "body_velocity",
     "build",
@@ -38,7 +70,14 @@ __all__ = [
     "moved",
     "published",
     "rates",
+    "recorded",
+    "robot",
+    "simulate",
+    "spin",
+    "spin_once",
+    "spin_periodically",
     "stamp_line",
     "wheel_speeds",
+    "work",
     "wrapped",
 ]

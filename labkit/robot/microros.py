@@ -16,7 +16,7 @@ import numpy as np
 from labkit.data import published_table
 from labkit.kernel import Costs, Kernel
 from labkit.robot.firmware import COSTS
-from labkit.robot.microros_executor import DATA, Callback, Client, Executor, Subscription, Timer, TimerRule, WaitRule, spin
+from labkit.robot.microros_executor import Callback, Client, Executor, Subscription, Timer, TimerRule, WaitRule, spin
 from labkit.robot.microros_network import ENCODER_DATA, ODOMETRY, WHEEL_VEL, Agent, Host, Message, go_along, install_network
 from labkit.robot.rates import CPU_HZ
 from labkit.robot.trace_path import Sink, TracePath, install
@@ -174,8 +174,14 @@ class Recording:
     sink: Sink | None
 
     @property
+    def begin(self) -> float:
+        """When the first call of the wheel controller is due, in s; what is told per second counts from here."""
+        return (self.setup.phase + self.setup.wheel) / 1000
+
+    @property
     def seconds(self) -> float:
-        return (self.trace.end - self.trace.start) / self.trace.hz
+        """Length without that."""
+        return self.trace.end / self.trace.hz - self.begin
 
     @cached_property
     def calls(self) -> np.ndarray:
@@ -189,9 +195,9 @@ class Recording:
         return len(self.calls) / self.seconds
 
     def windows(self, length: float = 1.0) -> np.ndarray:
-        """Its rate in each whole window of so many seconds."""
+        """Its rate in each whole window of so many seconds, at least one."""
         count = max(int(self.seconds / length + 1e-9), 1)
-        return np.histogram(self.calls, count, (0, count * length))[0] / length
+        return np.histogram(self.calls, count, (self.begin, self.begin + count * length))[0] / length
 
     @cached_property
     def intervals(self) -> np.ndarray:
@@ -200,16 +206,14 @@ class Recording:
 
     def ended(self, how: int) -> float:
         """Waits per second that could block and ended so: by DATA (D of the guide) or by a TICK (K)."""
-        return float(((self.waits[:, 0] > 0) & (self.waits[:, 1] == how)).sum()) / self.seconds
+        some = (self.waits[:, 0] > 0) & (self.waits[:, 1] == how) & (self.waits[:, 2] >= self.begin * self.trace.hz)
+        return float(some.sum()) / self.seconds
 
     @property
     def paid(self) -> float | None:
-        """a of the guide: encoder data that end a blocking wait, per call of the wheel controller; None if it was never called."""
-        return (
-            float(((self.waits[:, 0] > 0) & (self.waits[:, 3] == self.encoder)).sum()) / len(self.calls)
-            if len(self.calls)
-            else None
-        )
+        """a of the guide: encoder data that end a blocking wait, per call of the wheel controller; None if there was no call."""
+        ended = (self.waits[:, 0] > 0) & (self.waits[:, 3] == self.encoder)
+        return float(ended.sum()) / len(self.calls) if len(self.calls) else None
 
     def guide(self, ticks: float = 1000) -> float | None:
         """R = K / (2 - a), for so many waits per second that a tick ends, at most 1000.
@@ -260,7 +264,10 @@ def executors(setup: MicroRos, outbox: list[tuple[Message, int]]) -> list[Execut
 
 
 def simulate(setup: MicroRos, seconds: float, steps: Callable[[Iterable[int]], Iterable[int]] = iter) -> Recording:
-    """Board and host from power-on. `steps` goes round the parts of the run, for whoever wants to see how far it is."""
+    """Board and host from power-on to so many seconds after the wheel controller is first due.
+
+    `steps` goes round the parts of the run, for whoever wants to see how far it is.
+    """
     k = Kernel(CPU_HZ, 1000, priorities=56, costs=setup.costs)
     outbox: list[tuple[Message, int]] = []
     spun = executors(setup, outbox)
@@ -292,8 +299,9 @@ def simulate(setup: MicroRos, seconds: float, steps: Callable[[Iterable[int]], I
         if name in bodies:
             k.task(name, bodies[name], priority, stack_free=stack_free)
     agent, parts = Agent(setup.host, CPU_HZ, deliver), max(1, round(PARTS * seconds))
+    first = (setup.phase + setup.wheel) * k.tick
     for part in steps(range(1, parts + 1)):
-        go_along(k, agent, outbox, round(seconds * CPU_HZ * part / parts))
+        go_along(k, agent, outbox, first + round(seconds * CPU_HZ * part / parts))
     waits = np.frombuffer(client.waits, dtype=np.int64).reshape(-1, 4)
     names = iter(("w_ctrl", "odometry", "p_ctrl"))
     dropped = {next(names): handle.dropped for handle in handles if isinstance(handle, Timer)}
