@@ -65,10 +65,12 @@ class Trace:
         end: int,
         start: int = 0,
         exception_of: Iterable[int] = (),
+        closed: bool = False,
     ) -> Trace:
         """Build a trace from tuples in the order of `COLUMNS`, already in order of time."""
         table = np.array(rows, dtype=np.int64).reshape(-1, len(COLUMNS))
-        return cls.from_columns(np.ascontiguousarray(table.T), names, hz, end=end, start=start, exception_of=exception_of)
+        columns = np.ascontiguousarray(table.T)
+        return cls.from_columns(columns, names, hz, end=end, start=start, exception_of=exception_of, closed=closed)
 
     @classmethod
     def from_columns(
