@@ -74,6 +74,15 @@ class Recording:
         """Stamps that `profile` has taken over."""
         return int(self.sink.table()[:, 1].sum()) if self.sink else 0
 
+    def stretches(self, task: str) -> float:
+        """How often per second the task got the processor; the published tables have it as sum / mean."""
+        trace = self.history.trace
+        return float((trace.of("switch") & (trace.task == trace.code(task))).sum()) * trace.hz / trace.end
+
+    def intervals(self, task: str = "wheel_ctrl") -> np.ndarray:
+        """From one start of a task of `FIRST_LOOK` to the next, in us."""
+        return np.diff(starts(self.history.trace, task)) * (1e6 / CPU_HZ)
+
     def on_air(self) -> float:
         """Share of the time in which the link transmits."""
         if self.sink is None:
@@ -82,10 +91,14 @@ class Recording:
         return float((np.minimum(end, self.history.trace.end) - begin).sum() / self.history.trace.end)
 
 
-def starts(trace: Trace, task: str = "wheel_ctrl", queue: str = "enc_delta_wheel_ctrl_queue") -> np.ndarray:
-    """When the jobs of a task began, in units of the trace: the first thing a job does is to look into its queue."""
-    looks = trace.of("recv", "recv_fail") & (trace.task == trace.code(task)) & (trace.other == trace.code(queue))
-    return trace.time[looks]
+#: The queue into which a job of these tasks looks before all else.
+FIRST_LOOK = {"wheel_ctrl": "enc_delta_wheel_ctrl_queue", "odometry": "enc_delta_odom_queue"}
+
+
+def starts(trace: Trace, task: str = "wheel_ctrl") -> np.ndarray:
+    """When the jobs of a task of `FIRST_LOOK` began, in units of the trace."""
+    looks = trace.of("recv", "recv_fail") & (trace.task == trace.code(task))
+    return trace.time[looks & (trace.other == trace.code(FIRST_LOOK[task]))]
 
 
 def read(board: Board) -> Recording:

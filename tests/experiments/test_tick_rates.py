@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from labkit.experiments.listings import Listings, begins, check_next_gap, excerpt
 from labkit.experiments.robot_path import PathAgainstRate, RobotPath, check_whole_way
 from labkit.experiments.tick_bound import TICKS, TickBound, check_tick_bound
-from labkit.experiments.tick_rates import LongRun, TickRates, check_no_loss, envelope, starts, window
+from labkit.experiments.tick_rates import LongRun, TickRates, check_no_loss, envelope, window
 from labkit.robot import CPU_HZ, RATES
 
 
@@ -103,10 +103,22 @@ def test_listing_38_its_order_and_intervals():
 
 @pytest.mark.parametrize(("rates", "fast", "slow"), [("5000|2000", 200, 500), ("10000|5000", 100, 200)])
 def test_intervals_are_200_and_500_then_100_and_200_us_in_the_mean(rates, fast, slow):
-    trace = TickRates(rates=rates, tracer=False).run().history.trace
-    assert np.diff(starts(trace)).mean() * 1e6 / CPU_HZ == pytest.approx(fast, abs=0.5)
-    odometry = starts(trace, "odometry", "enc_delta_odom_queue")
-    assert np.diff(odometry).mean() * 1e6 / CPU_HZ == pytest.approx(slow, abs=0.5)
+    found = TickRates(rates=rates, tracer=False).run()
+    assert found.intervals("wheel_ctrl").mean() == pytest.approx(fast, abs=0.5)
+    assert found.intervals("odometry").mean() == pytest.approx(slow, abs=0.5)
+
+
+@pytest.mark.parametrize(
+    ("rates", "caches", "counted"), [("50|30", True, 855), ("50|30", False, 915), ("100|50", True, 830), ("100|50", False, 885)]
+)
+def test_the_looks_of_tsink_in_tables_6_to_9_are_those_of_a_link_of_two_megabaud(rates, caches, counted):
+    """Counted: sum / mean / length of the recording. Nothing in the model was fitted to it."""
+
+    def found(baud):
+        return LongRun(rates=rates, caches=caches, baud=baud, seconds=2).run().stretches("tsink")
+
+    assert found(2_000_000) == pytest.approx(counted, rel=0.06)
+    assert found(1_152_000) < 0.87 * counted and found(12_500_000) > 1.3 * counted
 
 
 def test_any_window_of_a_long_recording_is_drawn_from_its_parts():
