@@ -15,7 +15,9 @@ from labkit.experiments.tick_rates import KEYS, MS, ROWS, starts
 from labkit.figures import axis, gantt, stack
 from labkit.kernel import Costs
 from labkit.robot import CPU_HZ, CREATED, PUBLISHED_NAMES, Bench, build, published
-from labkit.trace import CODE, Trace
+from labkit.trace import CODE, STATES, Trace
+
+SWITCH, BLOCKED = CODE["switch"], STATES.index("blocked")
 
 LISTINGS = {"37": ("xu2025_trace_5000_2000hz.csv", "5000|2000", 288), "38": ("xu2025_trace_10000_5000hz.csv", "10000|5000", 36)}
 OURS = {printed: task for task, printed in PUBLISHED_NAMES.items()}
@@ -31,15 +33,20 @@ class Excerpts:
 
 
 def excerpt(name: str) -> Trace:
-    """A published listing as a trace in us; where two stamps leave a gap, nobody is known to run."""
+    """A published listing as a trace in us; where two stamps leave a gap, nobody is known to run.
+
+    Of a job whose end was left out of the listing only its begin is known: it gets 1 us.
+    """
     table = published_table(name)
     tasks = [OURS.get(task, task) for task in table["name"]]
     names = list(dict.fromkeys(tasks))
-    rows = [
-        (time, CODE["switch"], names.index(task) if begin else -1, -1 if begin else names.index(task), 0, 0)
-        for task, time, begin in zip(tasks, table["time_us"].tolist(), table["begin"].tolist(), strict=True)
-    ]
-    return Trace.from_rows(rows, names, 1_000_000, end=int(table["time_us"].iloc[-1]))
+    stamps = list(zip(map(names.index, tasks), table["time_us"].tolist(), table["begin"].tolist(), strict=True))
+    rows = []
+    for (task, time, begin), following in zip(stamps, [*stamps[1:], (-1, 0, 0)], strict=True):
+        rows.append((time, SWITCH, task if begin else -1, -1 if begin else task, 0, BLOCKED))
+        if begin and following[0] != task:
+            rows.append((time + 1, SWITCH, -1, task, 0, BLOCKED))
+    return Trace.from_rows(rows, names, 1_000_000, end=stamps[-1][1] + 1)
 
 
 def begins(trace: Trace, task: str) -> np.ndarray:
@@ -72,9 +79,8 @@ class Listings(Experiment[Excerpts]):
         shift = release * us - MS  # the release of all at 1 ms lies where the listing has it
         whole = board.kernel.trace
         part = whole.window(-shift, -shift + recorded.end * us)
-        moved = replace(
-            part, time=part.time + shift, value=np.where(part.of("release", "deadline"), part.value + shift, part.value)
-        )
+        moments = part.of("release", "deadline", "complete")  # their values are times, too
+        moved = replace(part, time=part.time + shift, value=part.value + shift * (moments & (part.value >= 0)))
         gaps = {}
         for task in ("wheel_ctrl", "hal_fetch", slow[0]):
             told, found = begins(recorded, task), begins(whole, task) + shift / us

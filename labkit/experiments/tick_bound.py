@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Annotated, Any
 
+import numpy as np
 from annotated_types import Interval, MultipleOf, Unit
 from typing_extensions import Doc
 
@@ -14,7 +15,7 @@ from labkit.kernel import Costs, Kernel
 from labkit.robot import CPU_HZ, PERIODIC, Bench, Rates, build, execution, published
 from labkit.trace import overheads, runs
 
-TICKS = (1000, 2000, 4000, 5000, 8000, 10_000, 20_000, 40_000, 50_000, 100_000)  # Hz; all divide the clock
+TICKS = (1000, 2000, 5000, 8000, 10_000, 16_000, 20_000, 24_000, 30_000, 36_000, 50_000, 100_000)  # Hz; all divide the clock
 SPAN = CPU_HZ // 250  # cycles simulated for each point, 4 ms: the four tasks repeat after two ticks
 
 
@@ -32,7 +33,7 @@ class TickBound(Experiment[Load]):
     """Is there no upper bound for the tick rate?
 
     The kernel alone takes cost x rate of the processor. With the control tasks at the tick rate (odometry and pose control at
-    half of it) their times and a switch for each job come on top. Lines: analysis. Points: the model, 4 ms for each.
+    half of it) their times and a switch for each job come on top. Dotted: analysis. Points: the model, 4 ms for each.
     """
 
     tick: Annotated[int, Interval(ge=20, le=2000), MultipleOf(20), Unit("cycles"), Doc("what a tick interrupt costs")] = 200
@@ -76,10 +77,11 @@ class TickBound(Experiment[Load]):
         def percent(values: list[Any]) -> list[float | None]:
             return [None if v is None else 100 * v for v in values]
 
+        fine = np.geomspace(TICKS[0], TICKS[-1], 60).tolist()
         drawn = [
-            Curve("ticks alone, analysis", TICKS, percent(result.ticks), GREY, "dot"),
+            Curve("ticks alone, analysis", fine, [100 * self.tick * hz / CPU_HZ for hz in fine], GREY, "dot"),
             Curve("ticks alone, simulated", TICKS, percent(result.simulated_ticks), GREY),
-            Curve("with the control tasks, analysis", TICKS, percent(result.control), BLUE, "dot"),
+            Curve("with the control tasks, analysis", fine, [100 * self.per_tick() * hz / CPU_HZ for hz in fine], BLUE, "dot"),
             Curve("with the control tasks, simulated", TICKS, percent(result.simulated), BLUE),
         ]
         full = {

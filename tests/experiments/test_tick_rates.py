@@ -122,7 +122,7 @@ def test_the_looks_of_tsink_in_tables_6_to_9_are_those_of_a_link_of_two_megabaud
 
 
 def test_any_window_of_a_long_recording_is_drawn_from_its_parts():
-    experiment = LongRun(rates="5000|2000", seconds=2)
+    experiment = LongRun(seconds=2)
     result = experiment.run()
     assert len(result.history.trace) > 100_000
     experiment.figure(result)
@@ -141,7 +141,8 @@ def test_the_bound_of_the_tick_is_what_the_model_reaches():
     result = experiment.run()
     for i, hz in enumerate(TICKS):
         assert result.simulated_ticks[i] == pytest.approx(result.ticks[i], abs=0.001)
-        assert result.simulated[i] == pytest.approx(min(result.control[i], 1), abs=0.003), hz
+        spared = 0.003 if hz <= 20_000 else 0.02  # jobs that reach into the next tick save the switch to IDLE and back
+        assert -0.003 < min(result.control[i], 1) - result.simulated[i] < spared, hz
     alone, control = experiment.bounds()
     assert alone == CPU_HZ / 200
     assert 20_000 < control < 40_000
