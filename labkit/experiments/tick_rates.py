@@ -189,7 +189,7 @@ class TickRates(Experiment[Recording]):
     form: Form = "text"
     when_full: WhenFull = "wait"
     buffer: Annotated[Literal[512, 1024, 2048], Unit("stamps"), Doc("room in the temp buffer; 512 in source 1")] = 512
-    below: Annotated[bool, Doc("profile has a lower priority than the control tasks; in source 1 it has the same")] = False
+    profile_below: Annotated[bool, Doc("profile has a lower priority than the control tasks; in source 1 it has the same")] = False
     start: Annotated[float, Interval(ge=0, le=WINDOW), MultipleOf(0.05), Unit("ms"), View(), Doc("left edge of the picture")] = (
         0.0
     )
@@ -199,7 +199,7 @@ class TickRates(Experiment[Recording]):
 
     def run(self) -> Recording:
         firmware = traced(self.rates, self.caches, baud=self.baud, form=self.form, when_full=self.when_full, buffer=self.buffer)
-        priorities = PRIORITIES | ({"profile": 1} if self.below else {})
+        priorities = PRIORITIES | ({"profile": 1} if self.profile_below else {})
         path = firmware.trace_path if self.tracer else None
         board = build(replace(firmware, trace_path=path, priorities=priorities), Bench())
         board.advance(WINDOW * MS)

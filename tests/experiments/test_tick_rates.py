@@ -35,7 +35,7 @@ def test_without_the_tracer_starts_are_as_regular_as_the_order_of_equals_lets_th
 
 
 def test_profile_among_the_control_tasks_takes_whole_ticks_from_them():
-    among, below = (TickRates(rates="1000", baud=12_500_000, below=below).run() for below in (False, True))
+    among, below = (TickRates(rates="1000", baud=12_500_000, profile_below=below).run() for below in (False, True))
     assert among.late > 0 and among.off > 900
     assert below.late == 0 and below.off < 30
 
