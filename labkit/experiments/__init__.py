@@ -71,6 +71,8 @@ EXERCISES: dict[str, str] = {
     "check_longer_is_faster": "micro_ros",
     "check_fair_sum": "micro_ros_tables",
     "check_idle_share": "micro_ros_tables",
+    "cells": "micro_ros_tables",
+    "printed": "micro_ros_tables",
     "check_rm_misses": "schedulability",
     "check_beyond_the_bounds": "schedulability",
     "check_fed_pair": "schedulability",

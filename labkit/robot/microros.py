@@ -104,7 +104,7 @@ def work(wheel_hz: int = 100, caches: bool = True) -> Work:
         "odometry_timer": publishing,
         "spin": (total["uros"] - inside) / calls["uros"],
         "eth_if": mean["EthIf"],
-        "tcpip": mean["tcpip_thread"],
+        "tcpip": total["tcpip_thread"] / calls["EthIf"],  # a frame; its mean is of pieces
         "link": total["EthLink"] / seconds * LINK_EVERY / 1000,
         "stamp": total["profile"] / (2 * stretches),
         "look": mean["tsink"],
@@ -183,11 +183,16 @@ class Recording:
         """Length without that."""
         return self.trace.end / self.trace.hz - self.begin
 
+    def passes(self, callback: str) -> np.ndarray:
+        """Begin and end of each call of a callback in cycles, shape (n, 2); one that the end of the run cuts ends there."""
+        of = self.trace.task == (self.trace.code(callback) if callback in self.trace.names else -1)
+        begins, ends = self.trace.time[self.trace.of("begin") & of], self.trace.time[self.trace.of("end") & of]
+        return np.stack([begins, np.append(ends, self.trace.end)[: len(begins)]], axis=1)
+
     @cached_property
     def calls(self) -> np.ndarray:
         """When the wheel controller was called, in s."""
-        rows = self.trace.rows("begin")
-        return rows[rows[:, 2] == self.trace.code("w_ctrl"), 0] / self.trace.hz
+        return self.passes("w_ctrl")[:, 0] / self.trace.hz
 
     @property
     def rate(self) -> float:
