@@ -189,7 +189,7 @@ class TickRates(Experiment[Recording]):
     form: Form = "text"
     when_full: WhenFull = "wait"
     buffer: Annotated[Literal[512, 1024, 2048], Unit("stamps"), Doc("room in the temp buffer; 512 in source 1")] = 512
-    profile_below: Annotated[bool, Doc("profile has a lower priority than the control tasks; in source 1 it has the same")] = False
+    profile_below: Annotated[bool, Doc("profile has a lower priority than the control tasks, not the same")] = False
     start: Annotated[float, Interval(ge=0, le=WINDOW), MultipleOf(0.05), Unit("ms"), View(), Doc("left edge of the picture")] = (
         0.0
     )

@@ -228,3 +228,15 @@ def test_bad_input_is_one_sentence():
     with pytest.raises(ValueError, match="a drive of 0 s"):
         drive(published("50|30"), "straight", 0)
     assert execution(True)["wheel_ctrl"] == round(10.69 * 216)
+
+
+def test_the_defect_at_the_end_of_the_encoder_shows_where_a_wheel_turns_back_past_zero():
+    """Sideways two wheels turn back from 0, which is the end of the counter: two increments too many, once."""
+
+    def believed(defect):
+        firmware = published("100|50", tracing=False, channel="positions", wrap_defect=defect)
+        return drive(firmware, "sideways", 1).believed[-1]
+
+    off = np.abs(believed(True) - believed(False))
+    one = 2 * np.pi / 3072 * 50  # mm at the rim
+    assert 0 < off[:2].max() < 2 * one and off[2] < 2 * one / 312.5
