@@ -14,7 +14,7 @@ from labkit.experiment import Experiment, Feedback, Labels, Metric
 from labkit.experiments.tick_rates import KEYS, MS, ROWS, starts
 from labkit.figures import axis, gantt, stack
 from labkit.kernel import Costs
-from labkit.robot import CPU_HZ, CREATED, PUBLISHED_NAMES, Bench, build, published
+from labkit.robot import CPU_HZ, CREATED, PUBLISHED_NAMES, OnBlocks, build, published
 from labkit.trace import CODE, STATES, Trace
 
 SWITCH, BLOCKED = CODE["switch"], STATES.index("blocked")
@@ -73,7 +73,7 @@ class Listings(Experiment[Excerpts]):
         recorded = excerpt(name)
         slow = ("odometry", "pose_ctrl") if self.listing == "37" else ("pose_ctrl", "odometry")  # who was first at the start
         order = tuple(slow[0] if task == "pose_ctrl" else slow[1] if task == "odometry" else task for task in CREATED)
-        board = build(replace(published(rates), order=order, costs=Costs(tick=200, switch=self.switch)), Bench())
+        board = build(replace(published(rates), order=order, costs=Costs(tick=200, switch=self.switch)), OnBlocks())
         board.advance(4 * MS)
         us = MS // 1000
         shift = release * us - MS  # the release of all at 1 ms lies where the listing has it
@@ -110,7 +110,7 @@ class Listings(Experiment[Excerpts]):
 
 def check_next_gap(us: float) -> Feedback:
     """Exercise: the gap between wheel starts that follows the one of 217 us."""
-    board = build(published("5000|2000"), Bench())
+    board = build(published("5000|2000"), OnBlocks())
     board.advance(3 * MS)
     gaps = np.diff(starts(board.kernel.trace)) * (1e6 / CPU_HZ)
     right = float(gaps[int(np.argmax(gaps > 210)) + 1])

@@ -12,7 +12,7 @@ from typing_extensions import Doc
 from labkit.experiment import Experiment, Feedback, Metric
 from labkit.figures import BLUE, GREY, VERMILION, Curve, axis, curves, stack
 from labkit.kernel import Costs, Kernel
-from labkit.robot import CPU_HZ, PERIODIC, Bench, Rates, build, execution, published
+from labkit.robot import CPU_HZ, PERIODIC, OnBlocks, Rates, build, execution, published
 from labkit.trace import overheads, runs
 
 TICKS = (1000, 2000, 5000, 8000, 10_000, 16_000, 20_000, 24_000, 30_000, 36_000, 50_000, 100_000)  # Hz; all divide the clock
@@ -67,7 +67,7 @@ class TickBound(Experiment[Load]):
 
     def _with_control(self, hz: int, costs: Costs) -> float:
         firmware = replace(published("10000|5000", self.caches, tracing=False), rates=Rates(hz, 1, 2), costs=costs)
-        k = build(firmware, Bench()).kernel
+        k = build(firmware, OnBlocks()).kernel
         k.advance(SPAN)
         ran = runs(k.trace)
         idle = ran[ran[:, 0] == k.trace.code("IDLE")]

@@ -13,7 +13,7 @@ from typing_extensions import Doc
 from labkit.data import published_table
 from labkit.experiment import Experiment, Feedback, Labels, Metric, View, progress
 from labkit.figures import SKY, VERMILION, History, Marks, Panel, Steps, axis, gantt, stack, steps
-from labkit.robot import CPU_HZ, PERIODIC, PRIORITIES, RATES, Bench, Board, Firmware, Sink, build, published
+from labkit.robot import CPU_HZ, PERIODIC, PRIORITIES, RATES, Board, Firmware, OnBlocks, Sink, build, published
 from labkit.trace import Trace
 
 ROWS = ("tsink", "hal_fetch", "wheel_ctrl", "odometry", "pose_ctrl", "profile", "IDLE")
@@ -201,7 +201,7 @@ class TickRates(Experiment[Recording]):
         firmware = traced(self.rates, self.caches, baud=self.baud, form=self.form, when_full=self.when_full, buffer=self.buffer)
         priorities = PRIORITIES | ({"profile": 1} if self.profile_below else {})
         path = firmware.trace_path if self.tracer else None
-        board = build(replace(firmware, trace_path=path, priorities=priorities), Bench())
+        board = build(replace(firmware, trace_path=path, priorities=priorities), OnBlocks())
         board.advance(WINDOW * MS)
         return read(board)
 
@@ -254,7 +254,7 @@ class LongRun(Experiment[Recording]):
         return super().strategy().map(lambda drawn: drawn.replace(seconds=1))
 
     def run(self) -> Recording:
-        board = build(traced(self.rates, self.caches, baud=self.baud), Bench())
+        board = build(traced(self.rates, self.caches, baud=self.baud), OnBlocks())
         for tenth in progress(range(1, 10 * self.seconds + 1)):
             board.advance(tenth * 100 * MS)
         return read(board)

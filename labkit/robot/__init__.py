@@ -19,7 +19,7 @@ from labkit.robot.microros_executor import (
     spin_periodically,
 )
 from labkit.robot.microros_network import MESSAGES, Host, Message
-from labkit.robot.plant import Bench, Plant, angles, increments
+from labkit.robot.plant import OnBlocks, Plant, angles, increments
 from labkit.robot.rates import CPU_HZ, PERIODIC, PUBLISHED_NAMES, RATES, Rates, execution, rates, stamp_line
 from labkit.robot.trace_path import Sink, TracePath
 
@@ -41,7 +41,6 @@ __all__ = [
     "TIMER_RULES",
     "TOP_RIM",
     "WAIT_RULES",
-    "Bench",
     "Board",
     "Channel",
     "Client",
@@ -52,6 +51,7 @@ __all__ = [
     "Host",
     "Message",
     "MicroRos",
+    "OnBlocks",
     "Plant",
     "Rates",
     "Recording",

@@ -76,8 +76,8 @@ class Plant:
         )
 
 
-class Bench:
-    """A robot on blocks, its wheels in the air and its motors off: for schedules in which nobody looks at the way."""
+class OnBlocks:
+    """A robot on blocks, its motors off: for schedules in which nobody looks at the way."""
 
     pose: Pose = (0.0, 0.0, 0.0)
     way = 0.0
@@ -92,7 +92,7 @@ class Bench:
         return (0, 0, 0, 0)
 
 
-Body = Plant | Bench
+Body = Plant | OnBlocks
 
 
 def angles(new: Counters, old: Counters, defect: bool) -> Wheels:

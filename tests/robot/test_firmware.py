@@ -14,7 +14,7 @@ from labkit.robot import (
     CPU_HZ,
     PERIODIC,
     RATES,
-    Bench,
+    OnBlocks,
     Rates,
     build,
     drive,
@@ -30,7 +30,7 @@ MS = CPU_HZ // 1000
 
 
 def board_of(name="100|50", milliseconds=50, **changes):
-    board = build(published(name, **changes), Bench())
+    board = build(published(name, **changes), OnBlocks())
     board.advance(milliseconds * MS)
     return board
 
@@ -54,7 +54,7 @@ def test_tasks_priorities_numbers_and_stacks_are_the_published_ones():
 
 def test_channels_are_the_published_ones():
     told = published_table("xu2025_channels.csv")
-    board = build(published("50|30"), Bench())
+    board = build(published("50|30"), OnBlocks())
     board.command((100.0, 0.0, 0.0))
     board.advance(200 * MS)
     trace = board.kernel.trace
@@ -123,7 +123,7 @@ def test_set_points_are_smoothed_per_period_so_a_slow_task_speeds_up_slowly():
 def test_overload_runs_and_reports_late_jobs_and_misses():
     firmware = published("1000", tracing=False)
     busy = replace(firmware, work={task: 60 * cycles for task, cycles in firmware.work.items()})
-    board = build(busy, Bench())
+    board = build(busy, OnBlocks())
     board.advance(200 * MS)
     assert sum(board.late.values()) > 50
     assert jobs(board.kernel.trace).missed.sum() > 50
@@ -175,7 +175,7 @@ def test_the_cost_of_a_line_is_the_same_in_both_recordings():
 @pytest.mark.parametrize("caches", [True, False])
 def test_the_idle_share_of_tables_6_to_9_follows_at_two_megabaud(name, caches):
     told = recorded(name, caches)["share_pct"]["IDLE"]
-    board = build(published(name, caches, costs=Costs(tick=200, switch=150)), Bench())
+    board = build(published(name, caches, costs=Costs(tick=200, switch=150)), OnBlocks())
     board.advance(1000 * MS)
     table = runs(board.kernel.trace)
     idle = table[table[:, 0] == board.kernel.trace.code("IDLE")]
@@ -231,7 +231,7 @@ def test_bad_input_is_one_sentence():
 
 
 def test_the_defect_at_the_end_of_the_encoder_shows_where_a_wheel_turns_back_past_zero():
-    """Sideways two wheels turn back from 0, the end of the counter, and a third stands on it: two increments too many each time."""
+    """Sideways two wheels turn back from 0, the end of the counter, and a third stands on it."""
 
     def believed(defect):
         firmware = published("100|50", tracing=False, channel="positions", wrap_defect=defect)

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from labkit.robot import CPU_HZ, Bench, TracePath, build, published
+from labkit.robot import CPU_HZ, OnBlocks, TracePath, build, published
 from labkit.robot.trace_path import lines
 from labkit.trace import Trace
 
@@ -26,7 +26,7 @@ PATHS = st.builds(
 
 
 def sink_of(name, path, milliseconds=60):
-    board = build(replace(published(name), trace_path=path), Bench())
+    board = build(replace(published(name), trace_path=path), OnBlocks())
     board.advance(milliseconds * MS)
     return board.sink, board.kernel.trace
 
