@@ -21,7 +21,7 @@ def test_the_bench_begins_at_the_published_rates():
     experiment = MicroRosRate()
     result = experiment.run()
     windows = result.recording.windows()
-    assert len(windows) == 5
+    assert len(windows) == 3
     assert REACHED[0] - 5 <= windows.min() < windows.max() <= REACHED[1] + 5
     shown = {m.name: m for m in experiment.metrics(result)}
     assert shown["slowest second"].published == 910
@@ -35,7 +35,7 @@ def test_published_numbers_stand_only_beside_the_settings_that_are_to_explain_th
     assert metrics["wheel rate"].published is None
 
 
-@pytest.mark.parametrize(("start", "end"), [(0, 0), (5000, 5000), (300, 100), (0, 5000), (100, 100.001)])
+@pytest.mark.parametrize(("start", "end"), [(0, 0), (3000, 3000), (300, 100), (0, 3000), (100, 100.001)])
 def test_any_two_positions_make_a_window(start, end):
     low, high = MicroRosRate(seconds=1, start=start, end=end).window()
     assert 0 <= low < high <= 1001
