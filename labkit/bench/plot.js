@@ -40,6 +40,9 @@ const enlarged = (value, factor, key = "") => {
     return copy;
 };
 
+// A trace that draws nothing and names nothing in the legend costs plotly as much as any other; the page leaves it out.
+const draws = ({ showlegend, x }) => showlegend !== false || x === undefined || x.length > 0;
+
 const sleep = (ms) => new Promise((resolve) => setTimeout(resolve, ms));
 
 // plotly's code comes once per page, from whichever bench asks first; should its kernel die meanwhile, another one asks.
@@ -110,7 +113,7 @@ const render = ({ model, el }) => {
     const picture = make("div", "lab-picture", el);
     const code = make("code", "lab-code", el, { title: "copy this line to make the same bench again" });
 
-    let shown = null, large = false, width = 0, drawing = false, waiting = false, gone = false, asked = false;
+    let shown = null, kept = [], large = false, width = 0, drawing = false, waiting = false, gone = false, asked = false;
 
     const draw = async () => {
         if (drawing) { waiting = true; return; }
@@ -121,7 +124,8 @@ const render = ({ model, el }) => {
                 waiting = false;
                 if (gone || !shown || !width) return;
                 const line = code.textContent;
-                let { data, layout } = shown;
+                kept = [...shown.data.keys()].filter((i) => draws(shown.data[i]));
+                let data = kept.map((i) => shown.data[i]), { layout } = shown;
                 layout = { ...layout, font: { ...layout.font, size: layout.font?.size ?? FONT }, height: layout.height ?? 460 };
                 if (large) {
                     data = enlarged(data, LECTURE);
@@ -136,7 +140,7 @@ const render = ({ model, el }) => {
     };
     const listen = () => {
         picture.on("plotly_click", ({ points: [point] }) => {
-            if (point?.data.meta?.set) model.send({ click: [point.curveNumber, point.pointNumber] });
+            if (point?.data.meta?.set) model.send({ click: [kept[point.curveNumber], point.pointNumber] });
         });
         picture.on("plotly_relayout", (change) => {
             if (!shown?.layout.meta?.range || asked) return;

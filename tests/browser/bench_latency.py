@@ -22,7 +22,7 @@ MOVES = 60
 BENCHES = {
     "PriorityInversion": ("01_priority_inversion.ipynb", "hold"),
     "ThreeTasks": ("00_start_here.ipynb", "wheel-work"),
-    "MarsPathfinder": ("01_priority_inversion.ipynb", "bus-work"),
+    "MarsPathfinder": ("01_priority_inversion.ipynb", "comm-work"),
     "CacheMap": ("02_cache_speedups.ipynb", "step"),
     "DmaCoherence": ("03_dma_coherence.ipynb", "step"),
     "Schedules": ("07_schedulability.ipynb", "C1"),

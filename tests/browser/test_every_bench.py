@@ -85,6 +85,7 @@ def check(bench: Locator, experiment: Experiment, where: str, faults: list[str])
     settled(bench, experiment.code())
     result = experiment.run()
     fresh = plain(experiment.figure(result))
+    fresh["data"] = [trace for trace in fresh["data"] if trace.get("showlegend") is not False or trace.get("x") != []]
     data, shapes, notes = json.loads(bench.locator(".js-plotly-plot").evaluate(DRAWN))
     what = f"{where}: {experiment.code()}"
     for i, (drawn, wanted) in enumerate(zip(data, fresh["data"], strict=True)):
