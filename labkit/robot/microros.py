@@ -259,8 +259,8 @@ def executors(setup: MicroRos, outbox: list[tuple[Message, int]]) -> list[Execut
     if setup.executors == "one":
         inputs = [Subscription(topic, _keeps) for topic in ("wheel_vel", "cmd_vel", "odometry")]
         return [Executor("all", [inputs[0], wheel, encoder, odometry, *inputs[1:], pose], **each)]
-    wheel_vel, cmd_vel, located = (Subscription(topic, _keeps, always=True) for topic in ("wheel_vel", "cmd_vel", "odometry"))
-    cmd_vel.always = False
+    wheel_vel, located = (Subscription(topic, _keeps, always=True) for topic in ("wheel_vel", "odometry"))
+    cmd_vel = Subscription("cmd_vel", _keeps)
     return [
         Executor("wheel", [wheel_vel, wheel], "let", trigger=1, **each),
         Executor("odometry", [encoder, odometry], **each),

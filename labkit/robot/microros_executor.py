@@ -96,14 +96,12 @@ class Subscription:
     Args:
         always: it is called in every pass that is triggered, with None when there is no message (rule 4).
         depth: messages kept.
-        reliable: what is lost is sent again until it arrives; the transport's business.
     """
 
     topic: str
     callback: Callback
     always: bool = False
     depth: int = 1
-    reliable: bool = False
     buffer: deque = field(init=False)
 
     def __post_init__(self) -> None:
