@@ -5,6 +5,7 @@ from labkit.figures.comparison import Bar, Factor, Pair, dumbbells, factors, sta
 from labkit.figures.curves import Curve, curves
 from labkit.figures.gantt import gantt
 from labkit.figures.history import History
+from labkit.figures.interleaving import Access, Cell, interleaving
 from labkit.figures.lanes import Lane, Move, Span, lanes
 from labkit.figures.margins import Response, reserve, responses
 from labkit.figures.panel import Panel, stack
@@ -24,7 +25,9 @@ __all__ = [
     "SKY",
     "VERMILION",
     "YELLOW",
+    "Access",
     "Bar",
+    "Cell",
     "Curve",
     "Factor",
     "History",
@@ -44,6 +47,7 @@ __all__ = [
     "dumbbells",
     "factors",
     "gantt",
+    "interleaving",
     "key",
     "lanes",
     "periods_gantt",

@@ -3,7 +3,7 @@
 `check_sink("published-first")` finds the shortest way to a failure of one variant; the other modules make, lose and read stamps.
 """
 
-from labkit.sink.check import Check, check_sink, default_ring
+from labkit.sink.check import Check, check_sink, default_ring, sample_run
 from labkit.sink.crc import crc32_mpeg2, crc32_mpeg2_bitwise, crc32_mpeg2_words
 from labkit.sink.explorer import BUDGET, VERDICTS
 from labkit.sink.formats import Decoded, Stream, decode_records, decode_words, link_load
@@ -48,6 +48,7 @@ __all__ = [
     "read_frames",
     "read_late",
     "receptions",
+    "sample_run",
     "unwrap",
     "wrap",
     "wrap_seconds",

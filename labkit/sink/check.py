@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
+import numpy as np
+
 from labkit.checks import whole
 from labkit.sink.explorer import BUDGET, MOST_BUDGET, search
 from labkit.sink.history import Step, history
@@ -104,6 +106,23 @@ def check_sink(variant: str, ring: Ring | None = None, schedule: str = "free", b
     steps = history(machine, found.schedule)
     loop = None if found.loop is None else found.loop + 1
     return Check(variant, schedule, machine.ring, budget, found.verdict, found.states, steps, loop)
+
+
+def sample_run(variant: str, ring: Ring, schedule: str = "free", most: int = 400, seed: int = 1) -> tuple[Step, ...]:
+    """A run drawn at random, until all is sent, or a failure, or after `most` steps: what a variant without failures looks like.
+
+    Raises:
+        ValueError: there is no such variant or schedule.
+    """
+    machine, chance, order = Machine(variant, ring, schedule), np.random.default_rng(seed), list[int]()
+    state, wrong = machine.initial, ""
+    while not wrong and len(order) < most and not machine.finished(state):
+        able = machine.can_step(state)
+        if not able:
+            break
+        order.append(int(chance.choice(able)))
+        state, wrong = machine.step(state, order[-1])
+    return history(machine, order)
 
 
 def default_ring(variant: str, **changes: Any) -> Ring:
