@@ -94,7 +94,7 @@ class SinkStory(Experiment[Told]):
             [Access(s.who, s.access, str(s).removeprefix(f"{s.who} "), s.source) for s in steps],
             shown,
             memory(check.ring, result.steps, shown),
-            f"{what}   {shown}: {sentence(steps[shown - 1])}" if shown else f"{what}   nothing has happened yet",
+            f"{what}.   Step {shown}: {sentence(steps[shown - 1])}" if shown else f"{what}.   Nothing has happened yet",
             check.reason if end or not failing else "",
             failing and len(steps) == len(result.steps),
         )

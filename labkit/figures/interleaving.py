@@ -7,10 +7,27 @@ from dataclasses import dataclass
 from typing import Any
 
 from labkit.figures.panel import Panel, stack
-from labkit.figures.style import BLUE, FONT, GREEN, GREY, INK, ORANGE, PALE, PURPLE, SKY, SMALL, VERMILION, YELLOW, Spec, axis
+from labkit.figures.style import (
+    BLUE,
+    FONT,
+    GREEN,
+    GREY,
+    INK,
+    ORANGE,
+    PALE,
+    PURPLE,
+    SKY,
+    SMALL,
+    TITLE,
+    VERMILION,
+    YELLOW,
+    Spec,
+    axis,
+)
 
 ROWS = 22  # steps that fit into the picture; it scrolls with the step shown
 HEIGHT = 660
+TEXT_ROOM = 0.42  # right of the last lane, for its text
 WORDS = 44  # letters of a step's text, at most
 LANES = {"consumer": ORANGE, "DMA": PURPLE, "tick": GREY}
 PRODUCERS = (BLUE, GREEN, SKY)
@@ -89,7 +106,7 @@ def interleaving(
     ]
     x = axis(
         "",
-        range=[-0.25, len(lanes) - 0.25],
+        range=[-0.25, len(lanes) - 1 + (len(lanes) - 0.75) * TEXT_ROOM],
         tickvals=list(range(len(lanes))),
         ticktext=[f"<b>{name}</b>" for name in lanes],
         side="top",
@@ -98,11 +115,16 @@ def interleaving(
         gridcolor=PALE,
         tickfont={"size": FONT},
     )
-    y = axis(
-        "step", range=[last + 0.7, last - ROWS + 0.3], dtick=1 if ROWS <= 12 else 2, tick0=0, fixedrange=True, showgrid=False
-    )
-    picture = Panel(traces, y, x, title=sentence, remark=remark, above=74, width=3)
+    y = axis("step", range=[last + 0.7, last - ROWS + 0.3], dtick=1, fixedrange=True, showgrid=False)
+    notes = [_line(f"<b>{sentence}</b>", 56, INK), _line(remark, 30, VERMILION)]
+    picture = Panel(traces, y, x, notes=notes, above=100, width=2.7)
     return stack([picture, _memory(memory, step)], height=HEIGHT, legend=False, bottom=20)
+
+
+def _line(text: str, above: int, colour: str) -> Spec:
+    """A line of text so many px above the lanes, as wide as it is."""
+    place = {"xref": "x domain", "x": 0, "xanchor": "left", "yref": "y domain", "y": 1, "yanchor": "bottom", "yshift": above}
+    return {"text": text, "font": {"size": TITLE, "color": colour}, **place}
 
 
 def _arrows(name: str, arrows: Sequence[tuple[int, int, int, int]], colour: str, width: float) -> Spec:
@@ -153,6 +175,7 @@ def _memory(cells: Sequence[Cell], step: int) -> Panel:
     shapes: list[dict[str, Any]] = [
         {
             "type": "rect",
+            "layer": "below",
             "x0": 0,
             "x1": 1,
             "y0": i + 0.08,
@@ -188,5 +211,5 @@ def _memory(cells: Sequence[Cell], step: int) -> Panel:
         ticks="",
         fixedrange=True,
     )
-    x = axis("", range=[0, 1.7], visible=False, fixedrange=True)
+    x = axis("", range=[0, 2.0], visible=False, fixedrange=True)
     return Panel([text, beside], y, x, shapes=shapes, title=f"Memory after step {step}", left=96)
