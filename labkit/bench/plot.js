@@ -98,12 +98,16 @@ const drawCards = (strip, cards) => {
     });
 };
 
+// A plain key in a bench, such as an arrow on a slider, is not the notebook's; Ctrl+S still is. Jupyter reads this attribute.
+window.labkitKeys ??= window.addEventListener("keydown", ({ target, ctrlKey, metaKey, altKey }) => {
+    target.closest?.(".lab-bench")?.toggleAttribute("data-lm-suppress-shortcuts", !(ctrlKey || metaKey || altKey));
+}, true) ?? true;
+
 const render = ({ model, el }) => {
     el.classList.add("lab-plot");
     make("div", "lab-gone", el, { role: "status", textContent: "The kernel of this bench is gone. Run its cell again to get the bench back." });
     const alert = make("div", "lab-error-slot", el);
     const bar = make("div", "lab-bar", el);
-    bar.dataset.lmSuppressShortcuts = "true";  // a key meant for a button is not the notebook's
     const cards = make("div", "lab-metrics", bar);
     const progress = make("progress", "lab-progress", bar, { max: 1, value: 0, hidden: true });
     const reset = make("button", "lab-button lab-reset", bar,

@@ -127,7 +127,7 @@ def cells(platform: str, rates: str, caches: bool) -> pd.DataFrame:
 
 QUANTITIES = {
     "share": "share of the recording [%]",
-    "doubled": "share of the sum with callbacks counted twice [%]",
+    "doubled": "share, callbacks counted twice [%]",
     "mean": "mean of an activation [us]",
     "rate": "activations per second",
 }

@@ -113,7 +113,7 @@ def move(bench: Locator, parameter: Parameter, experiment: Experiment) -> Experi
         return experiment.replace(**{parameter.name: not value})
     if parameter.type is str:
         return experiment
-    step = parameter.step or 1
+    step = parameter.step or (1 if parameter.type is int else (parameter.high - parameter.low) / 100)
     up = value + step <= parameter.high
     bench.locator(f"{css} .noUi-handle").press("ArrowRight" if up else "ArrowLeft")
     return experiment.replace(**{parameter.name: round(value + (step if up else -step), 9)})

@@ -1,0 +1,30 @@
+"""Notebook 05 in the browser: change the rate, zoom to single jobs, mend the odometry."""
+
+import pytest
+from playwright.sync_api import expect
+
+pytestmark = pytest.mark.browser
+
+
+def test_tick_rates(open_notebook):
+    nb = open_notebook("05_tick_rates.ipynb")
+    nb.run_all(180_000)
+    rates = nb.page.locator(".lab-bench").nth(0)
+    rates.locator(".lab-rates select").select_option("10000|5000")
+    expect(rates.locator(".lab-code")).to_contain_text("rates='10000|5000'")
+    rates.locator(".lab-code").scroll_into_view_if_needed()
+    area = rates.locator(".nsewdrag").first.bounding_box()
+    nb.page.mouse.move(area["x"] + 0.2 * area["width"], area["y"] + 20)
+    nb.page.mouse.down()
+    nb.page.mouse.move(area["x"] + 0.4 * area["width"], area["y"] + 20, steps=5)
+    nb.page.mouse.up()
+    nb.page.wait_for_timeout(800)
+    low, high = rates.locator(".js-plotly-plot").evaluate("plot => plot.layout.xaxis.range")
+    assert 0 < low < high < 60
+    nb.screenshot("05_zoomed")
+
+    path = nb.page.locator(".lab-bench").filter(has=nb.page.locator(".lab-code", has_text="RobotPath("))
+    expect(path.locator(".lab-metrics")).to_contain_text("60.6")
+    path.locator(".lab-channel select").select_option(index=1)
+    expect(path.locator(".lab-metrics")).not_to_contain_text("60.6")
+    expect(nb.page.locator(".lab-error")).to_have_count(0)

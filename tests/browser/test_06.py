@@ -1,0 +1,24 @@
+"""Notebook 06 in the browser: one executor in place of three, and the published tables."""
+
+import pytest
+from playwright.sync_api import expect
+
+pytestmark = pytest.mark.browser
+
+
+def test_micro_ros(open_notebook):
+    nb = open_notebook("06_micro_ros_vs_freertos.ipynb")
+    nb.run_all(240_000)
+    rate = nb.page.locator(".lab-bench").nth(0)
+    expect(rate.locator(".lab-metric").first).to_be_visible(timeout=60_000)
+    three = rate.locator(".lab-metrics").inner_text()
+    rate.locator(".lab-executors select").select_option("one")
+    expect(rate.locator(".lab-code")).to_contain_text("executors='one'", timeout=60_000)
+    assert rate.locator(".lab-metrics").inner_text() != three
+    expect(rate.locator(".lab-metrics")).to_contain_text("1000")
+    nb.screenshot("06_one")
+
+    handle = rate.locator(".lab-round-trip .noUi-handle")
+    handle.press("ArrowRight")
+    expect(rate.locator(".lab-code")).to_contain_text("round_trip=", timeout=60_000)
+    expect(nb.page.locator(".lab-error")).to_have_count(0)
