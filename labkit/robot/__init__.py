@@ -21,7 +21,7 @@ from labkit.robot.microros_executor import (
 from labkit.robot.microros_network import MESSAGES, Host, Message
 from labkit.robot.plant import OnBlocks, Plant, angles, increments
 from labkit.robot.rates import CPU_HZ, PERIODIC, PUBLISHED_NAMES, RATES, Rates, execution, rates, stamp_line
-from labkit.robot.trace_path import Sink, TracePath
+from labkit.robot.trace_path import Sink, TracePath, lines
 
 __all__ = [
     "CALLBACKS",
@@ -66,6 +66,7 @@ __all__ = [
     "drive",
     "execution",
     "increments",
+    "lines",
     "motors",
     "moved",
     "published",
