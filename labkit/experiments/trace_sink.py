@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, Literal
 
@@ -83,9 +84,12 @@ class SinkStory(Experiment[Told]):
         check, steps = result.check, result.steps[:SHOWN]
         shown = min(self.step, len(steps))
         failing = bool(check.steps)
-        cut = "" if len(steps) == len(result.steps) else f" (the first {SHOWN} of its {len(result.steps)} steps)"
-        what = f"{check.verdict}, {len(check.steps)} steps" if failing else f"{check.verdict}: one run of many{cut}"
-        end = failing and shown == len(steps)
+        end = failing and shown == len(result.steps)
+        told = f"Step {shown} of {len(result.steps)}: {sentence(steps[shown - 1])}" if shown else "Nothing has happened yet"
+        if failing:
+            remark = f"{check.verdict}: {check.reason}" if end else "on the shortest way to a failure"
+        else:
+            remark = f"{check.verdict}: {check.reason}; below is one run of many"
         lanes = [f"P{p + 1}" for p in range(self.producers)] + ["consumer"]
         if any(step.who == "tick" for step in steps):
             lanes.append("tick")
@@ -94,9 +98,9 @@ class SinkStory(Experiment[Told]):
             [Access(s.who, s.access, str(s).removeprefix(f"{s.who} "), s.source) for s in steps],
             shown,
             memory(check.ring, result.steps, shown),
-            f"{what}.   Step {shown}: {sentence(steps[shown - 1])}" if shown else f"{what}.   Nothing has happened yet",
-            check.reason if end or not failing else "",
-            failing and len(steps) == len(result.steps),
+            told,
+            remark,
+            end,
         )
 
     def metrics(self, result: Told) -> list[Metric]:
@@ -128,22 +132,33 @@ def memory(ring: Ring, steps: tuple[Step, ...], shown: int) -> list[Cell]:
             now[step.variable] = step.value
     touched = steps[shown - 1].variable if shown else ""
     write, read = (int(now[name] or 0) for name in ("write", "read"))
-    waiting = {ring.slot(ring.plus(read, i)) for i in range(min(ring.fill(write, read), ring.capacity))}
-    remarks = {f"buf[{ring.slot(write)}]": ["◀ write"]}
-    remarks.setdefault(f"buf[{ring.slot(read)}]", []).append("◀ read")
-    remarks["write"] = [f"slot {ring.slot(write)}"]
-    remarks["read"] = [f"slot {ring.slot(read)}"]
-    published = {f"buf[{slot}]" for slot in waiting}
+    remarks = {"write": f"slot {ring.slot(write)}", "read": f"slot {ring.slot(read)}"}
+    for name, index in (("write", write), ("read", read)):
+        if not any(step.variable == name for step in steps):
+            del now[name]  # this variant does without
+            continue
+        slot = f"buf[{ring.slot(index)}]"
+        remarks[slot] = f"{remarks.get(slot, '')} ◀ {name}".strip()
+    published = {f"buf[{slot}]" for slot in full(ring, now, write, read)}
     return [
-        Cell(
-            name,
-            "–" if value == "never written" else str(value),
-            name in published,
-            name == touched,
-            " ".join(remarks.get(name, [])),
-        )
+        Cell(name, "–" if value == "never written" else str(value), name in published, name == touched, remarks.get(name, ""))
         for name, value in now.items()
     ]
+
+
+def full(ring: Ring, now: Mapping[str, int | str | None], write: int, read: int) -> set[int]:
+    """The slots that the consumer believes to hold a byte: by their flags or sequence numbers where there are some, else by the
+    indices."""
+    flags = {name: value for name, value in now.items() if name.startswith(("ready[", "seq["))}
+    if not flags:
+        return {ring.slot(ring.plus(read, i)) for i in range(min(ring.fill(write, read), ring.capacity))}
+    found = set()
+    for name, value in flags.items():
+        slot = int(name[name.index("[") + 1 : -1])
+        number = int(value or 0)
+        if number == 1 if name.startswith("ready[") else ring.slot(ring.plus(number, -1)) == slot:
+            found.add(slot)
+    return found
 
 
 def check_cure(answer: SinkStory) -> Feedback:

@@ -79,8 +79,8 @@ def interleaving(
         accesses: the whole history.
         step: how many of them have happened.
         memory: from top to bottom.
-        sentence: what the last of them does. remark: the same in the colour of an alarm.
-        failing: whether the last access of the history is a failure.
+        sentence: what the last of them does. remark: a line below that.
+        failing: whether the last of them is the failure; the remark has the colour of an alarm then.
     """
     last = max(ROWS, min(step, len(accesses)))
     where = {name: i for i, name in enumerate(lanes)}
@@ -88,7 +88,6 @@ def interleaving(
     done = accesses[:step]
     arrows = [(where[accesses[a.source - 1].who], a.source, where[a.who], n) for n, a in enumerate(done, 1) if a.source]
     now = [arrow for arrow in arrows if arrow[3] == step]
-    wrong = failing and step == len(accesses) > 0
     traces = [
         _arrows("read from", [a for a in arrows if a not in now], GREY, 1.5),
         _arrows("read from, this step", now, VERMILION, 3),
@@ -97,8 +96,8 @@ def interleaving(
         {
             "type": "scatter",
             "mode": "markers",
-            "x": [where[done[-1].who]] if wrong else [],
-            "y": [step] if wrong else [],
+            "x": [where[done[-1].who]] if failing else [],
+            "y": [step] if failing else [],
             "name": "failure",
             "marker": {"symbol": "circle-open", "size": 24, "color": VERMILION, "line": {"width": 4}},
             "hoverinfo": "skip",
@@ -116,7 +115,7 @@ def interleaving(
         tickfont={"size": FONT},
     )
     y = axis("step", range=[last + 0.7, last - ROWS + 0.3], dtick=1, fixedrange=True, showgrid=False)
-    notes = [_line(f"<b>{sentence}</b>", 56, INK), _line(remark, 30, VERMILION)]
+    notes = [_line(f"<b>{sentence}</b>", 56, INK), _line(remark, 30, VERMILION if failing else INK)]
     picture = Panel(traces, y, x, notes=notes, above=100, width=2.7)
     return stack([picture, _memory(memory, step)], height=HEIGHT, legend=False, bottom=20)
 

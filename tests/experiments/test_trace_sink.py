@@ -48,6 +48,19 @@ def test_memory_follows_the_steps():
     assert not cells["buf[0]"].filled and cells["buf[0]"].remark == "◀ write" and cells["buf[1]"].remark == "◀ read"
 
 
+def test_full_is_what_the_consumer_looks_at():
+    told = SinkStory(variant="ready-flag").run()
+    stored = next(n for n, step in enumerate(told.steps, 1) if step.variable.startswith("ready[") and step.access == "write")
+    slot = told.steps[stored - 1].variable.replace("ready", "buf")
+    for n, expected in ((stored - 1, False), (stored, True)):  # the byte is there before, but not yet announced
+        cell = next(cell for cell in memory(told.check.ring, told.steps, n) if cell.name == slot)
+        assert cell.value != "–" and cell.filled is expected
+    told = SinkStory(variant="sequence").run()
+    took = next(n for n, step in enumerate(told.steps, 1) if step.who == "consumer" and step.variable.startswith("buf["))
+    cells = {cell.name: cell for cell in memory(told.check.ring, told.steps, took)}
+    assert cells[told.steps[took - 1].variable].filled and "read" not in cells
+
+
 def test_memory_shows_what_a_variable_held_before_its_first_access():
     told = SinkStory(variant="published-first-mutex").run()
     shown = [{cell.name: cell.value for cell in memory(told.check.ring, told.steps, n)} for n in (0, 1)]
