@@ -296,11 +296,14 @@ def test_random_walks_on_toys(cls, works, data):
 
 
 @pytest.mark.parametrize("cls", experiments().values(), ids=experiments().keys())
-@settings(max_examples=6, suppress_health_check=QUIET)
-@given(data=st.data())
-def test_random_walks_on_every_experiment(cls, works, data):
-    works.clear()
-    walk(cls, data, works, 4)
+def test_random_walks_on_every_experiment(cls, works):
+    @settings(max_examples=2 if cls.slow else 6, suppress_health_check=QUIET)
+    @given(data=st.data())
+    def anywhere(data):
+        works.clear()
+        walk(cls, data, works, 4)
+
+    anywhere()
 
 
 # what travels to the page

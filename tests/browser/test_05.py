@@ -10,7 +10,7 @@ def test_tick_rates(open_notebook):
     nb = open_notebook("05_tick_rates.ipynb")
     nb.run_all(180_000)
     rates = nb.page.locator(".lab-bench").nth(0)
-    rates.locator(".lab-rates select").select_option("10000|5000")
+    rates.locator(".lab-rates select").select_option(index=4)
     expect(rates.locator(".lab-code")).to_contain_text("rates='10000|5000'")
     rates.locator(".lab-code").scroll_into_view_if_needed()
     area = rates.locator(".nsewdrag").first.bounding_box()

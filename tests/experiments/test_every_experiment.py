@@ -1,18 +1,19 @@
 """What holds for every experiment at every position of its sliders."""
 
 import json
+from functools import cache
 from typing import Any
 
 import numpy as np
 import plotly.graph_objects as go
 import pytest
 from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 
 import labkit.phases.designs
 import labkit.scheduler.periodic
 from labkit.__main__ import main
 from labkit.cache import Cache
+from labkit.experiment import Experiment
 from labkit.experiments import experiments
 from labkit.kernel import Kernel
 
@@ -38,18 +39,29 @@ def text(figure: Any) -> str:
     return json.dumps(plain(figure), default=lambda value: value.item() if isinstance(value, np.generic) else list(value))
 
 
-@settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
-@given(data=st.data())
-def test_no_slider_position_crashes_and_the_figure_keeps_its_traces(cls, data):
-    experiment = data.draw(cls.strategy())
-    result = experiment.run()
-    figure = experiment.figure(result)
+@cache
+def usual(cls: type[Experiment]) -> tuple[list[str], list[str]]:
+    """Types of the traces and names of the metrics at the default."""
     start = cls()
-    usual = start.run()
-    expected = [trace["type"] for trace in start.figure(usual)["data"]]
-    assert [trace["type"] for trace in figure["data"]] == expected
+    result = start.run()
+    return [trace["type"] for trace in start.figure(result)["data"]], [m.name for m in start.metrics(result)]
+
+
+def test_no_slider_position_crashes_and_the_figure_keeps_its_traces(cls):
+    @settings(max_examples=8 if cls.slow else 25, suppress_health_check=[HealthCheck.too_slow])
+    @given(cls.strategy())
+    def anywhere(experiment):
+        keeps_its_traces(experiment)
+
+    anywhere()
+
+
+def keeps_its_traces(experiment: Experiment) -> None:
+    result = experiment.run()
+    types, names = usual(type(experiment))
+    assert [trace["type"] for trace in experiment.figure(result)["data"]] == types
     metrics = experiment.metrics(result)
-    assert metrics and [m.name for m in metrics] == [m.name for m in start.metrics(usual)]
+    assert metrics and [m.name for m in metrics] == names
     assert len({m.name for m in metrics}) == len(metrics)
     for m in metrics:
         if m.bound is not None and m.value is not None:
@@ -57,20 +69,22 @@ def test_no_slider_position_crashes_and_the_figure_keeps_its_traces(cls, data):
         assert m.value is not None or m.note or m.bound is None, f"{m.name}: no value and no note that says why"
 
 
-@settings(max_examples=8, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
-@given(data=st.data())
-def test_a_view_shows_the_same_result(cls, data):
+def test_a_view_shows_the_same_result(cls):
     """What differs in views only has one result: shown in another way it gives what a fresh run gives."""
     views = [p.name for p in cls.parameters() if p.view]
-    if not views:
-        return
-    experiment, other = data.draw(cls.strategy()), data.draw(cls.strategy())
-    seen = experiment.replace(**{name: getattr(other, name) for name in views})
-    result = experiment.run()
-    fresh = seen.run()
-    assert seen.same_run(experiment)
-    assert seen.metrics(result) == seen.metrics(fresh)
-    assert text(seen.figure(result)) == text(seen.figure(fresh))
+
+    @settings(max_examples=3 if cls.slow else 8, suppress_health_check=[HealthCheck.too_slow])
+    @given(cls.strategy(), cls.strategy())
+    def another_view(experiment, other):
+        seen = experiment.replace(**{name: getattr(other, name) for name in views})
+        result = experiment.run()
+        fresh = seen.run()
+        assert seen.same_run(experiment)
+        assert seen.metrics(result) == seen.metrics(fresh)
+        assert text(seen.figure(result)) == text(seen.figure(fresh))
+
+    if views:
+        another_view()
 
 
 def test_figure_and_metrics_simulate_nothing(cls, monkeypatch):
