@@ -20,7 +20,7 @@ DAMAGES = {
     "bit": "a bit is flipped",
     "cut": "the byte is lost",
     "doubled": "the byte comes twice",
-    "exchanged": "the byte and the next change places",
+    "exchanged": "changes places with the next",
     "glued": "no silence before the next frame",
 }
 

@@ -32,9 +32,9 @@ VariantName = Literal[
 Schedule = Literal["free", "higher", "equal", "lowest"]
 SCHEDULE_NAMES = {
     "free": "any order (several cores)",
-    "higher": "one core, consumer above the producers",
+    "higher": "one core, consumer above",
     "equal": "one core, equal priorities",
-    "lowest": "one core, consumer below the producers",
+    "lowest": "one core, consumer below",
 }
 
 
@@ -56,9 +56,7 @@ class SinkStory(Experiment[Told]):
     slow: ClassVar[bool] = True
     step: Annotated[int, Interval(ge=0, le=SHOWN), View(), Doc("how far the history is told")] = SHOWN
     variant: Annotated[
-        VariantName,
-        Labels({name: f"{name}: {known.title}" for name, known in VARIANTS.items()}),
-        Doc("how a message gets into the ring"),
+        VariantName, Labels({name: name.replace("-", " ") for name in VARIANTS}), Doc("how a message gets into the ring")
     ] = "published-first"
     schedule: Annotated[Schedule, Labels(SCHEDULE_NAMES), Doc("who may run when")] = "free"
     producers: Annotated[int, Interval(ge=1, le=3), Doc("tasks that push")] = 2

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from labkit.bench import Bench, explore
 from labkit.bench import bench as module
+from labkit.bench.controls import on_grid
 from labkit.bench.plot import cards, pack
 from labkit.experiment import Metric, ParameterError
 from labkit.experiments import experiments
@@ -57,8 +58,8 @@ def assert_belongs_together(bench: Bench, sent: list) -> None:
     assert shown["cards"] == cards(bench.metrics) and shown["code"] == experiment.code()
     assert sent[-1][0]["status"]["error"] == bench.error
     if not bench.error and not bench.busy:  # then it is also what the controls ask for
-        values = {name: control.value for name, control in bench.controls.items()}
-        assert experiment == type(experiment)(**{n: round(v, 9) if isinstance(v, float) else v for n, v in values.items()})
+        values = {p.name: on_grid(p, bench.controls[p.name].value) for p in experiment.parameters()}
+        assert experiment == type(experiment)(**values)
 
 
 def test_moving_a_control_shows_it():
