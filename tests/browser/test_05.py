@@ -25,7 +25,7 @@ def test_tick_rates(open_notebook):
     nb.screenshot("05_zoomed")
 
     path = nb.page.locator(".lab-bench").filter(has=nb.page.locator(".lab-code", has_text="RobotPath("))
-    expect(path.locator(".lab-metrics")).to_contain_text("60.6")
+    expect(path.locator(".lab-metrics")).to_contain_text("60.57 %")
     path.locator(".lab-channel select").select_option(index=1)
-    expect(path.locator(".lab-metrics")).not_to_contain_text("60.6")
+    expect(path.locator(".lab-metrics")).not_to_contain_text("60.57 %")
     expect(nb.page.locator(".lab-error")).to_have_count(0)
