@@ -18,14 +18,14 @@ pytestmark = pytest.mark.browser
 
 MOVES = 60
 
-#: experiment -> notebook and a slider of it; PriorityInversion is the light one, the others are the heaviest of their notebooks.
+#: experiment -> notebook and a slider of it with room for four steps to the right; PriorityInversion is the light one, the others are the heaviest of their notebooks.
 BENCHES = {
     "PriorityInversion": ("01_priority_inversion.ipynb", "hold"),
     "ThreeTasks": ("00_start_here.ipynb", "wheel-work"),
     "MarsPathfinder": ("01_priority_inversion.ipynb", "comm-work"),
     "CacheMap": ("02_cache_speedups.ipynb", "step"),
     "DmaCoherence": ("03_dma_coherence.ipynb", "step"),
-    "Schedules": ("07_schedulability.ipynb", "C1"),
+    "Schedules": ("07_schedulability.ipynb", "ECET"),
     "SixDesigns": ("08_taft_phases.ipynb", "seed"),
     "Timeliness": ("08_taft_phases.ipynb", "seed"),
 }
