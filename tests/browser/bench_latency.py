@@ -18,7 +18,8 @@ pytestmark = pytest.mark.browser
 
 MOVES = 60
 
-#: experiment -> notebook and a slider of it with room for four steps to the right; PriorityInversion is the light one, the others are the heaviest of their notebooks.
+#: experiment -> notebook and a slider of it with room for four steps to the right. PriorityInversion is the light one, the others
+#: are the heaviest of their notebooks.
 BENCHES = {
     "PriorityInversion": ("01_priority_inversion.ipynb", "hold"),
     "ThreeTasks": ("00_start_here.ipynb", "wheel-work"),
