@@ -38,8 +38,9 @@ FLOOR = {
     "figures": 4,
     "experiments": 5,
     "bench": 6,
-    "__main__": 7,
-    "labkit": 8,  # the package's own __init__, which names everything and imports it when asked
+    "commands": 7,
+    "__main__": 8,
+    "labkit": 9,  # the package's own __init__, which names everything and imports it when asked
 }
 MODELS = ["scheduler", "cache", "sink", "fusion", "network", "kernel", "phases", "robot"]
 #: Standing on the ground: the contract knows no other part, and models know nothing of experiments.
