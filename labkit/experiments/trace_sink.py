@@ -68,37 +68,35 @@ class SinkStory(Experiment[Told]):
         Labels({"multiple": "8 times the capacity", "four_bits": "16, as a counter of 4 bits"}),
         Doc("where the indices wrap to 0; they start one below"),
     ] = "multiple"
+    dma: Annotated[
+        bool, Doc("a DMA reads the slots and notifies the consumer, as on the board; else the consumer reads them")
+    ] = False
 
     def ring(self) -> Ring:
         """The sizes as the model takes them."""
         modulus = 8 * self.capacity if self.indices == "multiple" else 16
-        return Ring(self.producers, self.messages, self.bytes, self.capacity, modulus)
+        return Ring(self.producers, self.messages, self.bytes, self.capacity, modulus, self.dma)
 
     def run(self) -> Told:
-        [check] = [check_sink(self.variant, self.ring(), self.schedule, BUDGET) for _ in progress([0])]
+        check = check_sink(self.variant, self.ring(), self.schedule, BUDGET, progress)
         return Told(check, check.steps or sample_run(self.variant, self.ring(), self.schedule))
 
     def figure(self, result: Told) -> dict[str, Any]:
         check, steps = result.check, result.steps[:SHOWN]
         shown = min(self.step, len(steps))
-        failing = bool(check.steps)
-        end = failing and shown == len(result.steps)
+        end = bool(check.steps) and shown == len(result.steps)
         told = f"Step {shown} of {len(result.steps)}: {sentence(steps[shown - 1])}" if shown else "Nothing has happened yet"
-        if failing:
-            remark = f"{check.verdict}: {check.reason}" if end else "on the shortest way to a failure"
-        else:
-            remark = f"{check.verdict}: {check.reason}; below is one run of many"
         lanes = [f"P{p + 1}" for p in range(self.producers)] + ["consumer"]
-        if any(step.who == "tick" for step in steps):
-            lanes.append("tick")
+        lanes += [who for who in ("DMA", "tick") if any(step.who == who for step in steps)]
         return interleaving(
             lanes,
             [Access(s.who, s.access, str(s).removeprefix(f"{s.who} "), s.source) for s in steps],
             shown,
             memory(check.ring, result.steps, shown),
             told,
-            remark,
+            remark(result, shown),
             end,
+            f"{VARIANTS[self.variant].title}; {SCHEDULE_NAMES[self.schedule]}",
         )
 
     def metrics(self, result: Told) -> list[Metric]:
@@ -109,6 +107,18 @@ class SinkStory(Experiment[Told]):
             Metric("states", check.states, note="different situations the search has seen"),
             Metric("steps", len(check.steps), note="of the shortest way to the failure"),
         ]
+
+
+def remark(told: Told, shown: int) -> str:
+    """What the history is, or, at its end, what came of it; a history that is longer than the picture is marked as cut."""
+    check, more = told.check, len(told.steps) - SHOWN
+    verdict = f"{check.verdict}: {check.reason}"
+    cut = f"CUT: {more} more steps do not fit the picture" if more > 0 else ""
+    if not check.steps:
+        return f"{verdict}; below is one run of many" + (f", its first {SHOWN} steps" if cut else "")
+    if shown < min(len(told.steps), SHOWN):
+        return f"on the shortest way to a failure of {len(told.steps)} steps"
+    return f"{cut}; in the end {verdict}" if cut else verdict
 
 
 def sentence(step: Step) -> str:

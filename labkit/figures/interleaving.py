@@ -71,6 +71,7 @@ def interleaving(
     sentence: str,
     remark: str = "",
     failing: bool = False,
+    title: str = "",
 ) -> Spec:
     """Lanes with the first `step` accesses drawn and the others pale, beside the memory after that step.
 
@@ -81,6 +82,7 @@ def interleaving(
         memory: from top to bottom.
         sentence: what the last of them does. remark: a line below that.
         failing: whether the last of them is the failure; the remark has the colour of an alarm then.
+        title: what is shown, above all.
     """
     last = max(ROWS, min(step, len(accesses)))
     where = {name: i for i, name in enumerate(lanes)}
@@ -115,8 +117,8 @@ def interleaving(
         tickfont={"size": FONT},
     )
     y = axis("step", range=[last + 0.7, last - ROWS + 0.3], dtick=1, fixedrange=True, showgrid=False)
-    notes = [_line(f"<b>{sentence}</b>", 56, INK), _line(remark, 30, VERMILION if failing else INK)]
-    picture = Panel(traces, y, x, notes=notes, above=100, width=2.7)
+    notes = [_line(title, 82, GREY), _line(f"<b>{sentence}</b>", 56, INK), _line(remark, 30, VERMILION if failing else INK)]
+    picture = Panel(traces, y, x, notes=notes, above=122, width=2.7)
     return stack([picture, _memory(memory, step)], height=HEIGHT, legend=False, bottom=20)
 
 

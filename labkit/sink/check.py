@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from labkit.checks import whole
-from labkit.sink.explorer import BUDGET, MOST_BUDGET, search
+from labkit.sink.explorer import BUDGET, MOST_BUDGET, Watch, search
 from labkit.sink.history import Step, history
 from labkit.sink.machine import Machine
 from labkit.sink.ring import Ring
@@ -88,7 +88,13 @@ class Check:
         return "\n".join(lines)
 
 
-def check_sink(variant: str, ring: Ring | None = None, schedule: str = "free", budget: int = BUDGET) -> Check:
+def check_sink(
+    variant: str,
+    ring: Ring | None = None,
+    schedule: str = "free",
+    budget: int = BUDGET,
+    watch: Watch = lambda states, budget: states,
+) -> Check:
     """Looks at every interleaving of `variant`.
 
     Args:
@@ -96,13 +102,14 @@ def check_sink(variant: str, ring: Ring | None = None, schedule: str = "free", b
         ring: its sizes and its work; without it `default_ring`.
         schedule: see `Machine`.
         budget: states after which the search stops with "undecided".
+        watch: see `explorer.Watch`: for whoever shows how far the search is, or wants to end it.
 
     Raises:
         ValueError: there is no such variant or schedule; the budget is none.
     """
     whole(budget, 1, "the budget of states", MOST_BUDGET)
     machine = Machine(variant, ring or default_ring(variant), schedule)
-    found = search(machine, budget)
+    found = search(machine, budget, watch)
     steps = history(machine, found.schedule)
     loop = None if found.loop is None else found.loop + 1
     return Check(variant, schedule, machine.ring, budget, found.verdict, found.states, steps, loop)

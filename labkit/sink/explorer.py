@@ -8,7 +8,7 @@ spinning is no failure as long as the one who is waited for can still run.
 from __future__ import annotations
 
 from array import array
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 
 from labkit.sink.machine import Machine, State
@@ -18,6 +18,9 @@ VERDICTS = ("ok", "stale", "torn", "lost", "overwritten", "deadlock", "livelock"
 
 #: States after which a search stops, if nothing else is said: about 200 MB and 10 s at most.
 BUDGET = 500_000
+
+#: Goes round the states of a search, given them and the budget; `labkit.experiment.progress` fits, and may raise to end it.
+Watch = Callable[[Iterable[State], int], Iterable[State]]
 
 #: The largest budget: with the largest rings some 3 GB.
 MOST_BUDGET = 2_000_000
@@ -60,13 +63,13 @@ class _Graph:
         return steps[::-1]
 
 
-def search(machine: Machine, budget: int = BUDGET) -> Search:
-    """Looks at all interleavings, or at `budget` different states at most."""
+def search(machine: Machine, budget: int = BUDGET, watch: Watch = lambda states, budget: states) -> Search:
+    """Looks at all interleavings, or at `budget` different states at most; `watch` sees each state as it is taken up."""
     graph = _Graph([machine.initial])
     number = {machine.initial: 0}
     states, parent, mover, target, thread_of = graph.states, graph.parent, graph.mover, graph.target, graph.thread
     can_step, step = machine.can_step, machine.step
-    for here, state in enumerate(states):  # grows while it is walked
+    for here, state in enumerate(watch(states, budget)):  # they grow while they are walked
         for thread in can_step(state):
             after, wrong = step(state, thread)
             if wrong:

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from labkit.experiment import Superseded, progress_listener
 from labkit.experiments.frame_lab import FrameLab, check_word_proof, damaged
 from labkit.experiments.ring_in_motion import RingInMotion, check_slowest_link
 from labkit.experiments.trace_sink import SHOWN, SinkStory, check_cure, check_lucky_priorities, memory
@@ -84,6 +85,54 @@ def test_a_sample_run_ends_where_it_fails_or_when_it_is_long():
     ends = {run[-1].value for run in runs}
     assert ends == {"never written", "P1/1"}  # some fail, some are lucky
     assert len(sample_run("ready-flag", Ring(), most=7)) == 7
+
+
+def words(figure):
+    return " | ".join(note["text"] for note in figure["layout"]["annotations"])
+
+
+def test_the_picture_names_its_variant_and_its_schedule():
+    experiment = SinkStory(variant="batch-assert", schedule="lowest")
+    assert "an asserting batch under the mutex against single writes without it; one core, consumer below" in words(
+        experiment.figure(experiment.run())
+    )
+
+
+def test_a_failure_that_does_not_fit_is_marked_as_cut():
+    experiment = SinkStory(variant="atomic-push", schedule="lowest", bytes=2, capacity=4, dma=True)
+    told = experiment.run()
+    more = len(told.check.steps) - SHOWN
+    assert more > 0
+    drawn = experiment.figure(told)
+    assert f"CUT: {more} more steps do not fit the picture; in the end torn" in words(drawn)
+    assert traces(drawn)["failure"]["x"] == []  # its step is not in the picture
+    assert "CUT" not in words(experiment.replace(step=SHOWN - 1).figure(told))
+    short = SinkStory()
+    assert "CUT" not in words(short.figure(short.run()))
+
+
+def test_with_a_dma_the_stale_byte_is_what_the_dma_reads():
+    told = SinkStory(dma=True).run()
+    assert told.check.verdict == "stale" and told.steps[-1].who == "DMA"
+    drawn = SinkStory(dma=True).figure(told)
+    assert "<b>DMA</b>" in drawn["layout"]["xaxis"]["ticktext"] and traces(drawn)["failure"]["x"] == [3]
+
+
+def test_a_superseded_search_stops():
+    heard = []
+
+    def listen(fraction):
+        heard.append(fraction)
+        if len(heard) == 500:
+            raise Superseded
+
+    ours = progress_listener.set(listen)
+    try:
+        with pytest.raises(Superseded):
+            SinkStory(variant="sequence", producers=3).run()
+    finally:
+        progress_listener.reset(ours)
+    assert len(heard) == 500 and heard == sorted(heard) and 0 < heard[-1] < 0.01  # of the budget
 
 
 def test_every_failure_fits_the_picture():
