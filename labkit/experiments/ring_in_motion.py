@@ -55,9 +55,8 @@ class Motion:
         return self.sink.transfers()[:, 2]
 
     def lost(self) -> int:
-        """Stamps that found no room in the temp buffer or in the ring, those included that nobody has counted yet."""
-        _, taken, missed, dropped = self.sink.table().sum(axis=0)
-        return int(missed + dropped + max(0, len(self.sizes) - taken - missed - self.sink.buffer))
+        """Stamps that found no room in the temp buffer or in the ring."""
+        return self.sink.lost(len(self.sizes) // 2)
 
 
 class RingInMotion(Experiment[Motion]):

@@ -39,7 +39,7 @@ Form = Annotated[
 ]
 WhenFull = Annotated[
     Full,
-    Labels({"wait": "profile waits 1 ms", "drop": "the stamp is dropped"}),
+    Labels({"wait": "who writes it waits 1 ms", "drop": "the stamp is dropped"}),
     Doc("what happens to a stamp when the ring is full"),
 ]
 
@@ -50,7 +50,7 @@ class Recording:
 
     Attributes:
         history: who ran when.
-        late: jobs that were over only after their next release.
+        late: jobs that were not over at their next release.
         sink: what became of the stamps; None without a tracer.
         shares: processor time of each task of `ROWS`, 0 to 1.
         off: the largest deviation of the interval between two starts of wheel_ctrl from its period, in us.
@@ -63,16 +63,12 @@ class Recording:
     off: float
 
     def lost(self) -> int:
-        """Stamps that never reach the host: no room in the temp buffer or in the ring, those included that nobody counted yet."""
-        if self.sink is None:
-            return 0
-        made = 2 * int(self.history.trace.of("switch").sum())
-        _, taken, missed, dropped = self.sink.table().sum(axis=0)
-        return int(missed + dropped + max(0, made - taken - missed - self.sink.buffer))
+        """Stamps that never reach the host: no room in the temp buffer or in the ring."""
+        return self.sink.lost(int(self.history.trace.of("switch").sum())) if self.sink else 0
 
     def taken(self) -> int:
-        """Stamps that `profile` has taken over."""
-        return int(self.sink.table()[:, 1].sum()) if self.sink else 0
+        """Stamps that `profile` has taken over, and those that scopes have written."""
+        return self.sink.arrived() if self.sink else 0
 
     def stretches(self, task: str) -> float:
         """How often per second the task got the processor; the published tables have it as sum / mean."""
@@ -109,7 +105,16 @@ def read(board: Board) -> Recording:
     shares = {name: float(share[trace.code(name)]) if name in trace.names else 0.0 for name in ROWS}
     period = board.firmware.rates.period("wheel_ctrl") * CPU_HZ // board.firmware.rates.tick_hz
     off = np.abs(np.diff(starts(trace)) - period).max(initial=0) * 1e6 / CPU_HZ
-    return Recording(history, sum(board.late.values()), board.sink, shares, float(off))
+    return Recording(history, sum(board.late.values()) + overdue(board), board.sink, shares, float(off))
+
+
+def overdue(board: Board) -> int:
+    """Jobs that should be over by now and are not, those included that could not even begin."""
+    trace, rates, behind = board.kernel.trace, board.firmware.rates, 0
+    for task in PERIODIC:
+        over = int((trace.of("complete") & (trace.task == trace.code(task))).sum())
+        behind += max(0, trace.end * rates.tick_hz // (rates.period(task) * CPU_HZ) - over)
+    return behind
 
 
 def traced(rates: str, caches: bool, **path: Any) -> Firmware:
@@ -189,6 +194,7 @@ class TickRates(Experiment[Recording]):
     form: Form = "text"
     when_full: WhenFull = "wait"
     buffer: Annotated[Literal[512, 1024, 2048], Unit("stamps"), Doc("room in the temp buffer; 512 in source 1")] = 512
+    scopes: Annotated[bool, Doc("each job stamps its own begin and end as well, straight into the ring")] = False
     profile_below: Annotated[bool, Doc("profile has a lower priority than the control tasks, not the same")] = False
     start: Annotated[float, Interval(ge=0, le=WINDOW), MultipleOf(0.05), Unit("ms"), View(), Doc("left edge of the picture")] = (
         0.0
@@ -198,10 +204,11 @@ class TickRates(Experiment[Recording]):
     )
 
     def run(self) -> Recording:
-        firmware = traced(self.rates, self.caches, baud=self.baud, form=self.form, when_full=self.when_full, buffer=self.buffer)
+        path = {name: getattr(self, name) for name in ("baud", "form", "when_full", "buffer", "scopes")}
+        firmware = traced(self.rates, self.caches, **path)
         priorities = PRIORITIES | ({"profile": 1} if self.profile_below else {})
-        path = firmware.trace_path if self.tracer else None
-        board = build(replace(firmware, trace_path=path, priorities=priorities), OnBlocks())
+        firmware = replace(firmware, trace_path=firmware.trace_path if self.tracer else None, priorities=priorities)
+        board = build(firmware, OnBlocks())
         board.advance(WINDOW * MS)
         return read(board)
 

@@ -16,7 +16,7 @@ from labkit.robot.control import PoseController, Smoother, Velocity, WheelContro
 from labkit.robot.mecanum import Pose, Wheels, body_velocity, moved, wheel_speeds
 from labkit.robot.plant import Body, Plant, added, angles
 from labkit.robot.rates import CPU_HZ, PERIODIC, RATES, Rates, execution, stamp_line
-from labkit.robot.trace_path import Sink, TracePath, install
+from labkit.robot.trace_path import Sink, TracePath, install, with_hook
 
 #: Priorities as published; IDLE is the kernel's own.
 PRIORITIES = {
@@ -142,13 +142,14 @@ class Board:
 
 def build(firmware: Firmware, plant: Body | None = None) -> Board:
     """Tasks, queues and interrupts in a kernel that has not started. Raises ValueError for what the kernel refuses."""
-    rates = firmware.rates
-    k = Kernel(CPU_HZ, rates.tick_hz, priorities=56, costs=firmware.costs, time_slicing=firmware.time_slicing)
+    rates, path = firmware.rates, firmware.trace_path
+    costs = with_hook(firmware.costs, path)
+    k = Kernel(CPU_HZ, rates.tick_hz, priorities=56, costs=costs, time_slicing=firmware.time_slicing)
     board = Board(k, plant or Plant(CPU_HZ), firmware)
     bodies = {**control_tasks(board), "Tmr Svc": idle_timers}
-    if firmware.trace_path is not None:
-        board.sink, tracers = install(k, firmware.trace_path)
-        bodies |= tracers
+    if path is not None:
+        board.sink, tracers, scoped = install(k, path)
+        bodies |= {name: scoped(name, rates.period(name), bodies[name]) for name in PERIODIC} | tracers
     for name in firmware.order:
         if name in bodies:
             deadline = rates.period(name) * k.tick if name in PERIODIC else None

@@ -19,7 +19,7 @@ from labkit.robot.firmware import COSTS
 from labkit.robot.microros_executor import Callback, Client, Executor, Subscription, Timer, TimerRule, WaitRule, spin
 from labkit.robot.microros_network import ENCODER_DATA, ODOMETRY, WHEEL_VEL, Agent, Host, Message, go_along, install_network
 from labkit.robot.rates import CPU_HZ
-from labkit.robot.trace_path import Sink, TracePath, install
+from labkit.robot.trace_path import Sink, TracePath, install, with_hook
 from labkit.trace import Trace
 
 #: Priorities and free stack words as published, in the order of the task numbers; IDLE is the kernel's own.
@@ -273,11 +273,11 @@ def simulate(setup: MicroRos, seconds: float, steps: Callable[[Iterable[int]], I
 
     `steps` goes round the parts of the run, for whoever wants to see how far it is.
     """
-    k = Kernel(CPU_HZ, 1000, priorities=56, costs=setup.costs)
+    k = Kernel(CPU_HZ, 1000, priorities=56, costs=with_hook(setup.costs, setup.trace_path))
     outbox: list[tuple[Message, int]] = []
     spun = executors(setup, outbox)
     handles = [handle for executor in spun for handle in executor.handles]
-    sink, tracers = install(k, setup.trace_path) if setup.trace_path else (None, {})
+    sink, tracers, _ = install(k, setup.trace_path) if setup.trace_path else (None, {}, None)
     mailbox, interface, stack, deliver = install_network(k, setup.work.eth_if, setup.work.tcpip)
     client = Client(
         mailbox, [h for h in handles if isinstance(h, Subscription)], lambda message: message.topic, rule=setup.wait_rule

@@ -1,7 +1,10 @@
 """How the stamps get out of the board: the temp buffer, the task `profile`, the ring, the task `tsink`, DMA and UART (S4, S5).
 
-A switch of tasks leaves two stamps in a buffer of 512. Every 10 ms `profile` makes a line of each and writes it into the ring
-under a mutex; `tsink` looks at the ring every millisecond and hands what is there to the DMA, in two pieces where it wraps. The
+There are two sources of stamps. A switch of tasks leaves two of them in a buffer of 512; every 10 ms `profile` makes a line of
+each and writes it into the ring under a mutex. A scope, if jobs have one, is stamped by the task itself as it begins and ends:
+that task makes the line, waits for the mutex, and for room.
+
+`tsink` looks at the ring every millisecond and hands what is there to the DMA, in two pieces where it wraps. The
 read index advances only when all of that has gone out, so room comes back in bursts.
 
 Here the ring is counted in bytes, as part of the kernel model; which interleavings of its accesses are wrong is the subject of
@@ -13,17 +16,18 @@ from __future__ import annotations
 
 from array import array
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
 
-from labkit.kernel import Kernel
+from labkit.kernel import Costs, Kernel
 from labkit.trace import CODE, Trace
 
 SWITCH = CODE["switch"]
 BITS_PER_BYTE = 10  # on the UART: start, eight data bits, stop
 COPY = 4  # cycles per byte written into the ring, under the mutex; the rest of a line's cost is its formatting
+Body = Callable[[Any], Any]
 FIXED = {"record": 8, "word": 4}  # bytes of a stamp; a text line depends on its name and time
 
 
@@ -34,9 +38,12 @@ class TracePath:
     Attributes:
         baud: of the link. The source does not state it; its public branches set 115200, 1152000 and 2000000.
         form: lines of text, records of 8 bytes, words of 4.
-        stamp: cycles that `profile` needs per stamp.
+        stamp: cycles that a line takes whoever makes it, `profile` or, for a scope, the task itself.
+        hook: cycles that the stamps of a switch add to it. 0, since the published gaps between stamps, from which the cost of a
+            switch comes, have them in it.
+        scopes: each job of the periodic tasks is a scope.
         look: cycles of `tsink` each time it runs.
-        when_full: `profile` waits and tries again after 1 ms, or drops what does not fit.
+        when_full: who writes waits and tries again after 1 ms, or drops what does not fit.
         buffer: stamps that the temp buffer holds. capacity: bytes that the ring holds.
         every: period of `profile` in ms.
         batch: stamps that are written at a time. The firmware writes one; more of them give the same bytes and the same
@@ -46,6 +53,8 @@ class TracePath:
     baud: int = 2_000_000
     form: Literal["text", "record", "word"] = "text"
     stamp: int = 2560
+    hook: int = 0
+    scopes: bool = False
     look: int = 650
     when_full: Literal["wait", "drop"] = "wait"
     buffer: int = 512
@@ -57,7 +66,7 @@ class TracePath:
         for name, known in (("form", ("text", *FIXED)), ("when_full", ("wait", "drop"))):
             if getattr(self, name) not in known:
                 raise ValueError(f"trace path: {name} {getattr(self, name)!r}; there are {', '.join(known)}")
-        least = {"baud": 1, "stamp": 0, "look": 1, "buffer": 1, "capacity": 64 * self.batch, "every": 1, "batch": 1}
+        least = {"baud": 1, "stamp": 0, "hook": 0, "look": 1, "buffer": 1, "capacity": 64 * self.batch, "every": 1, "batch": 1}
         for name, allowed in least.items():
             if getattr(self, name) < allowed:
                 raise ValueError(f"trace path: {name} = {getattr(self, name)} is not allowed; allowed is {allowed} or more")
@@ -73,6 +82,7 @@ class Sink:
         rounds: of `profile`, four numbers each: its time, stamps taken over, stamps that the temp buffer has lost, stamps dropped
             at the ring in the round before.
         on_air: begin and end of each DMA transfer, and its bytes.
+        direct, refused: stamps of scopes that were written, and that were dropped since there was no room.
     """
 
     def __init__(self, capacity: int, buffer: int):
@@ -81,6 +91,7 @@ class Sink:
         self.times, self.fills = array("q", [0]), array("q", [0])
         self.rounds = array("q")
         self.on_air = array("q")
+        self.direct = self.refused = 0
 
     @property
     def fill(self) -> int:
@@ -110,6 +121,19 @@ class Sink:
         """The rounds of `profile`, shape (n, 4)."""
         return np.frombuffer(self.rounds, dtype=np.int64).reshape(-1, 4).copy()
 
+    def lost(self, switches: int) -> int:
+        """Stamps that never reach the host, of so many switches and of all scopes: no room in the temp buffer or in the ring.
+
+        Those are included that no round of `profile` has counted yet.
+        """
+        _, taken, missed, dropped = self.table().sum(axis=0)
+        waiting = 2 * switches - taken - missed
+        return int(missed + dropped + max(0, waiting - self.buffer)) + self.refused
+
+    def arrived(self) -> int:
+        """Stamps that were taken over from the temp buffer, or written by scopes."""
+        return int(self.table()[:, 1].sum()) + self.direct
+
     def curve(self) -> tuple[np.ndarray, np.ndarray]:
         """Times and fills as arrays."""
         return np.frombuffer(self.times, dtype=np.int64).copy(), np.frombuffer(self.fills, dtype=np.int64).copy()
@@ -133,8 +157,16 @@ def lines(trace: Trace, first: int, form: str) -> np.ndarray:
     return (both + (digits + 4)[:, None]).ravel()
 
 
-def install(k: Kernel, path: TracePath) -> tuple[Sink, dict[str, Callable[[Any], Any]]]:
-    """The ring, and the bodies of `tsink` and `profile`."""
+def with_hook(costs: Costs, path: TracePath | None) -> Costs:
+    """What the kernel takes when each switch is stamped."""
+    return replace(costs, switch=costs.switch + path.hook) if path else costs
+
+
+def install(k: Kernel, path: TracePath) -> tuple[Sink, dict[str, Body], Callable[[str, int, Body], Body]]:
+    """The ring, the bodies of `tsink` and `profile`, and what makes a scope of each job of a periodic task.
+
+    The last takes the name of the task, its period in ticks and its body, which must sleep by `delay_until`.
+    """
     sink, lock = Sink(path.capacity, path.buffer), k.mutex("sink")
     ms = max(1, k.cpu_hz // k.tick // 1000)  # in ticks
     seen, dropped = 0, 0
@@ -162,6 +194,44 @@ def install(k: Kernel, path: TracePath) -> tuple[Sink, dict[str, Callable[[Any],
         sizes, seen = lines(trace, seen, path.form), len(trace)
         return sizes[: path.buffer], max(0, len(sizes) - path.buffer)
 
+    def write(os: Any, size: int) -> Any:
+        """Whether so many bytes got into the ring. Who waits for room sleeps, without the mutex."""
+        while True:
+            yield os.take(lock)
+            if sink.capacity - sink.fill >= size:
+                yield COPY * size
+                sink.put(os.now, size)
+                yield os.give(lock)
+                return True
+            yield os.give(lock)
+            if path.when_full == "drop":
+                return False
+            yield os.delay(ms)
+
+    def stamp(os: Any, name: str) -> Any:
+        """A scope begins or ends."""
+        size = FIXED.get(path.form) or len(name) + len(str(os.now * 1_000_000 // k.cpu_hz)) + 4
+        yield max(path.stamp - COPY * size, 0)
+        if (yield from write(os, size)):
+            sink.direct += 1
+        else:
+            sink.refused += 1
+
+    def scoped(name: str, period: int, body: Body) -> Body:
+        def jobs(os: Any) -> Any:
+            job, pause, answer = body(os), os.delay_until(period), None
+            yield from stamp(os, name)
+            while True:
+                request = job.send(answer)
+                if request != pause:
+                    answer = yield request
+                    continue
+                yield from stamp(os, name)
+                answer = yield pause
+                yield from stamp(os, name)
+
+        return jobs if path.scopes else body
+
     def profile(os: Any) -> Any:
         nonlocal dropped
         while True:
@@ -172,18 +242,8 @@ def install(k: Kernel, path: TracePath) -> tuple[Sink, dict[str, Callable[[Any],
                 some = sizes[first : first + path.batch]
                 size = int(some.sum())
                 yield max(path.stamp * len(some) - COPY * size, 0)
-                while True:
-                    yield os.take(lock)
-                    if sink.capacity - sink.fill >= size:
-                        yield COPY * size
-                        sink.put(os.now, size)
-                        yield os.give(lock)
-                        break
-                    yield os.give(lock)
-                    if path.when_full == "drop":
-                        dropped += len(some)
-                        break
-                    yield os.delay(ms)
+                if not (yield from write(os, size)):
+                    dropped += len(some)
             yield os.delay_until(path.every * ms)
 
-    return sink, {"tsink": tsink, "profile": profile}
+    return sink, {"tsink": tsink, "profile": profile}, scoped

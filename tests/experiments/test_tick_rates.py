@@ -11,7 +11,7 @@ from labkit.experiments.listings import Listings, begins, check_next_gap, excerp
 from labkit.experiments.robot_path import PathAgainstRate, RobotPath, check_whole_way
 from labkit.experiments.tick_bound import TICKS, TickBound, check_tick_bound
 from labkit.experiments.tick_rates import LongRun, TickRates, check_no_loss, envelope, window
-from labkit.robot import CPU_HZ, RATES
+from labkit.robot import CPU_HZ, PERIODIC, RATES, stamp_line
 
 
 @pytest.mark.parametrize("rates", ["50|30", "100|50"])
@@ -52,14 +52,33 @@ def test_loss_is_never_silent(experiment):
     found = experiment.run()
     stamped = 2 * int(found.history.trace.of("switch").sum())
     if experiment.tracer:
-        assert found.taken() + int(found.sink.table()[:, 2].sum()) <= stamped
-        dropped = int(found.sink.table()[:, 3].sum())
-        waiting = stamped - found.taken() - (found.lost() - dropped)
+        sink = found.sink
+        _, taken, missed, dropped = sink.table().sum(axis=0).tolist()
+        assert taken + missed <= stamped and found.taken() == taken + sink.direct
+        waiting = stamped - taken - (found.lost() - dropped - sink.refused)
         assert 0 <= waiting <= experiment.buffer
+        assert (sink.direct > 0) == experiment.scopes or sink.refused
     else:
         assert found.lost() == found.taken() == 0
     assert 0 <= found.on_air() <= 1
     assert sum(found.shares.values()) <= 1 + 1e-9
+
+
+def test_scopes_are_paid_by_the_observed():
+    """At 1000 Hz a line each at the begin and the end of a job: 8000 lines of 11.86 us in a second are 9.5 %."""
+    without, within = (TickRates(rates="1000", baud=12_500_000, scopes=scopes).run() for scopes in (False, True))
+    control = [sum(found.shares[task] for task in PERIODIC) for found in (without, within)]
+    assert control[1] - control[0] == pytest.approx(8000 * stamp_line(True) / CPU_HZ, rel=0.01)
+    assert within.off > without.off and within.late > without.late
+
+
+def test_jobs_that_never_began_are_late_too():
+    """Over 115 200 baud the tasks sleep for room in the ring: hardly anybody wakes late, since hardly anybody wakes."""
+    found = TickRates(rates="1000", baud=115_200, scopes=True).run()
+    ended = int((found.history.trace.of("complete")).sum())
+    assert ended < 150 and found.late >= 400 - ended - 4
+    idle = found.shares["IDLE"]
+    assert idle > 0.7  # and nobody works
 
 
 @settings(max_examples=100)

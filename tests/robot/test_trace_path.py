@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from labkit.robot import CPU_HZ, OnBlocks, TracePath, build, published
+from labkit.robot import CPU_HZ, PERIODIC, OnBlocks, TracePath, build, published, robot, simulate
 from labkit.robot.trace_path import lines
-from labkit.trace import Trace
+from labkit.trace import Trace, runs
 
 MS = CPU_HZ // 1000
 
@@ -22,6 +22,7 @@ PATHS = st.builds(
     capacity=st.sampled_from([512, 2048, 3000]),
     batch=st.sampled_from([1, 3, 8]),
     every=st.sampled_from([1, 10]),
+    scopes=st.booleans(),
 )
 
 
@@ -90,6 +91,82 @@ def test_dropping_keeps_profile_from_waiting():
     wait, _ = sink_of("10000|5000", TracePath(baud=115_200, batch=8))
     drop, _ = sink_of("10000|5000", TracePath(baud=115_200, batch=8, when_full="drop"))
     assert len(drop.table()) > len(wait.table()) and drop.table()[:, 3].sum() > 0
+
+
+def jobs(trace, task):
+    """Jobs of a periodic task that have begun and that have ended."""
+    of = trace.task == trace.code(task)
+    ended = int((trace.of("complete") & of).sum())
+    return 1 + int((trace.of("release") & of).sum()), ended
+
+
+@settings(max_examples=40)
+@given(st.sampled_from(["50|30", "1000", "10000|5000"]), PATHS)
+def test_every_stamp_of_a_scope_is_written_or_counted(name, path):
+    sink, trace = sink_of(name, replace(path, scopes=True))
+    made = sink.direct + sink.refused
+    ended = sum(jobs(trace, task)[1] for task in PERIODIC)
+    assert 2 * ended <= made <= 2 * ended + len(PERIODIC)  # of those that run, the first stamp may be there
+    assert sink.refused == 0 or path.when_full == "drop"
+    switches = int(trace.of("switch").sum())
+    rounds = sink.table()
+    assert sink.lost(switches) >= rounds[:, 2:].sum() + sink.refused
+    assert sink.arrived() == rounds[:, 1].sum() + sink.direct
+
+
+@pytest.mark.parametrize(("form", "size"), [("record", 8), ("word", 4), ("text", None)])
+def test_a_scope_writes_its_own_bytes(form, size):
+    """Stamps of switches do not mix in: `profile` comes at the start, and then in a minute."""
+    sink, trace = sink_of("100|50", TracePath(form=form, scopes=True, every=60_000, baud=12_500_000), 95)
+    first = int(sink.table()[0, 1])
+    written = sink.written - int(lines(trace, 0, form)[:first].sum())
+    ended = {task: jobs(trace, task)[1] for task in PERIODIC}
+    assert ended == {"hal_fetch": 10, "wheel_ctrl": 10, "odometry": 5, "pose_ctrl": 5} and sink.direct == 60
+    if size:
+        assert written == 60 * size
+    else:  # name, blank, blank, digit, line feed, and the microseconds: one digit at the start, then up to five
+        least = sum(2 * many * (len(task) + 4) for task, many in ended.items())
+        assert least + 60 * 4 <= written <= least + 60 * 5 + 2
+
+
+def test_a_scope_costs_its_task_two_lines():
+    """And with `profile` below the tasks nothing else: what a job takes is its work, two lines, two calls of the mutex."""
+    path = TracePath(scopes=True, stamp=3000, form="word")
+    firmware = published("100|50")
+    cycles = {}
+    for scopes in (False, True):
+        board = build(replace(firmware, trace_path=replace(path, scopes=scopes)), OnBlocks())
+        board.advance(95 * MS)
+        trace = board.kernel.trace
+        cycles[scopes] = {task: sum(end - start for start, end in ran(trace, task)) / jobs(trace, task)[1] for task in PERIODIC}
+    for task in PERIODIC:
+        assert cycles[False][task] == firmware.work[task] and cycles[True][task] == firmware.work[task] + 2 * 3000
+
+
+def ran(trace, task):
+    """When the task had the processor."""
+    return [(start, end) for name, start, end in runs(trace).tolist() if name == trace.code(task)]
+
+
+def test_a_full_ring_puts_the_observed_to_sleep_or_loses_its_stamps():
+    done, refused = {}, {}
+    for when_full in ("wait", "drop"):
+        sink, trace = sink_of("1000", TracePath(baud=115_200, scopes=True, when_full=when_full, stamp=108), 200)
+        done[when_full], refused[when_full] = jobs(trace, "wheel_ctrl")[1], sink.refused
+    assert refused["wait"] == 0 < refused["drop"] and done["wait"] < 50 < 190 < done["drop"]
+
+
+def test_the_hook_makes_each_switch_longer():
+    def least_gap(trace):
+        """Between the begin of a switch and the next: the switch, and the shortest thing that ran."""
+        return int(np.diff(trace.time[trace.of("switch")]).min())
+
+    boards = [build(replace(published(), trace_path=TracePath(hook=hook)), OnBlocks()) for hook in (0, 70)]
+    for board in boards:
+        board.advance(5 * MS)
+    assert least_gap(boards[1].kernel.trace) == least_gap(boards[0].kernel.trace) + 70
+    gaps = [least_gap(simulate(robot(trace_path=TracePath(hook=hook)), 0.05).trace) for hook in (0, 70)]
+    assert gaps[1] == gaps[0] + 70
 
 
 @pytest.mark.parametrize(
