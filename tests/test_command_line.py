@@ -45,11 +45,11 @@ def test_help_states_the_limits_that_hold():
     from labkit.outside import MOST_BYTES
     from labkit.phases import chainfile
     from labkit.scheduler import taskfile
-    from labkit.trace import stamps
+    from labkit.trace.readers import source
 
     mib = MOST_BYTES >> 20
     told = " ".join(parser().format_help().split())
-    assert f"trace {stamps.MOST_BYTES >> 20} MiB;" in told
+    assert f"trace {source.MOST_BYTES >> 20} MiB;" in told
     assert f"replay {mib} MiB, 1000 tasks, {scenario.LAST_TICK} ticks, {scenario.MOST_EVENTS} events;" in told
     assert f"schedule {mib} MiB, {taskfile.MOST_TASKS} tasks, {taskfile.MOST_JOBS} jobs;" in told
     assert f"windows {mib} MiB, {chainfile.MOST_PARTS} parts; cache {references.MOST_IN_FILE} references." in told

@@ -1,12 +1,13 @@
 """What happened: one columnar trace type, its slices and jobs, statistics, readers, exporters, sums for pictures."""
 
-from labkit.trace.export import export_chrome
-from labkit.trace.files import export_csv, export_npz, read_csv, read_npz
 from labkit.trace.folds import holds, overheads, priorities, ready, runs, waits
 from labkit.trace.jobs import EXCEPTION, MAIN, PARTS, Jobs, Slices, jobs, owners, slices
 from labkit.trace.kinds import CODE, ISR_OPS, KINDS, OVERHEADS, STATES
-from labkit.trace.log import LogError, Problem, Report, read_log
 from labkit.trace.occupancy import Occupancy, occupancy
+from labkit.trace.readers.chrome import export_chrome
+from labkit.trace.readers.files import export_csv, export_npz, read_csv, read_npz
+from labkit.trace.readers.log import read_log
+from labkit.trace.readers.report import LogError, Problem, Report
 from labkit.trace.spans import spans
 from labkit.trace.statistics import describe, statistics
 from labkit.trace.trace import COLUMNS, Trace

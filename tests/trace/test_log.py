@@ -10,10 +10,12 @@ import pytest
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
-from labkit.trace import LogError, log, read_log, spans, stamps
-from labkit.trace import report as report_
-from labkit.trace.report import Problems
-from labkit.trace.stamps import Reading
+from labkit.trace import LogError, read_log, spans
+from labkit.trace.readers import log, stamps
+from labkit.trace.readers import report as report_
+from labkit.trace.readers import source as source_
+from labkit.trace.readers.report import Problems
+from labkit.trace.readers.stamps import Reading
 
 LOGS = Path(__file__).parents[1] / "oracle" / "logs"
 
@@ -387,15 +389,15 @@ def test_whatever_is_read_at_once_is_read_as_line_by_line(lines):
 def test_a_log_in_many_blocks_is_the_log_in_one(monkeypatch):
     text = "".join(f"n{i % 7} {i} {i // 7 % 2}\r\n" for i in range(700)) + "end 999 1"
     whole = read_log(text)
-    monkeypatch.setattr(stamps, "_BLOCK", 50)
+    monkeypatch.setattr(source_, "BLOCK", 50)
     for source in (text, text.encode(), text.encode("utf-16")):
         trace, report = read_log(source)
         assert (trace.rows() == whole[0].rows()).all() and report == whole[1]
 
 
 def test_a_log_beyond_the_limits_is_told(monkeypatch):
-    monkeypatch.setattr(stamps, "MOST_BYTES", 3 << 20)
-    with pytest.raises(LogError, match=r"^text: longer than 3 MiB, the most that is read; cut the log into pieces$"):
+    monkeypatch.setattr(source_, "MOST_BYTES", 3 << 20)
+    with pytest.raises(LogError, match=r"^text: longer than 3 MiB, the most that is read; cut the recording into pieces$"):
         read_log(b"a 1 1\na 2 0\n" * 300_000)
     monkeypatch.setattr(stamps, "MOST_NAMES", 3)
     with pytest.raises(LogError, match="'n3' is name number 4; a log has at most 3"):
@@ -411,7 +413,7 @@ def test_endless_problems_are_counted_and_the_first_are_told(monkeypatch):
 
 
 def test_a_large_log_takes_a_few_times_its_size(monkeypatch):
-    monkeypatch.setattr(stamps, "_BLOCK", 1 << 16)
+    monkeypatch.setattr(source_, "BLOCK", 1 << 16)
     text = "".join(f"task{i % 6} {i * 7} 1\ntask{i % 6} {i * 7 + 5} 0\n" for i in range(60_000)).encode()
     tracemalloc.start()
     try:

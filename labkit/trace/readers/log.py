@@ -15,12 +15,11 @@ from typing import IO, Any
 import numpy as np
 
 from labkit.trace.kinds import CODE
-from labkit.trace.report import MOST_TOLD, LogError, Problem, Problems, Report
+from labkit.trace.readers.report import MOST_TOLD, LogError, Problems, Report
+from labkit.trace.readers.source import Source, open_source
+from labkit.trace.readers.stamps import LONGEST, US, Stamps, read_stamps
 from labkit.trace.spans import Pairs, nest, pair
-from labkit.trace.stamps import LONGEST, MOST_BYTES, US, Stamps, read_stamps
 from labkit.trace.trace import Trace
-
-__all__ = ["MOST_BYTES", "LogError", "Problem", "Report", "read_log"]
 
 WRAP_CYCLES = 2**32
 _FAR_BACK = 10**9  # ns: a line this much too late may be a wrapped counter
@@ -31,7 +30,8 @@ def read_log(source: str | os.PathLike[str] | bytes | IO[Any], *, clock_hz: floa
 
     Args:
         source: a path, an open file (text or binary), or the log itself as bytes or as a str (a str with a line break, or of
-            the form of a stamp, is the log itself; any other str is a path). At most `MOST_BYTES`.
+            the form of a stamp, is the log itself; any other str is a path). At most
+            `labkit.trace.readers.source.MOST_BYTES`.
         clock_hz: frequency of the 32-bit counter behind the stamps. If given, stamps are unwrapped: the counter goes around after
             2**32 / clock_hz seconds (19.884 s at 216 MHz). Right as long as stamps of neighbouring lines are less
             than half of that apart.
@@ -49,14 +49,20 @@ def read_log(source: str | os.PathLike[str] | bytes | IO[Any], *, clock_hz: floa
 
     Raises:
         LogError: there is nothing to read: no such file, not text, no valid line, or an impossible `clock_hz`; or more than
-            `MOST_BYTES` or names.
+            the most bytes or names.
     """
+    with open_source(source) as opened:
+        return log_of(opened, clock_hz)
+
+
+def log_of(source: Source, clock_hz: float | None) -> tuple[Trace, Report]:
+    """`read_log` of what is already open."""
     wrap = _wrap(clock_hz)
-    title, stamps, reading = read_stamps(source, wrap)
+    stamps, reading = read_stamps(source, wrap)
     problems = reading.problems
     if not len(stamps):
         hint = f"; line {problems.kept[0].line}: {problems.kept[0].what}" if problems.kept else ""
-        raise LogError(f"{title}: no line has the form {reading.format}{hint}")
+        raise LogError(f"{source.title}: no line has the form {reading.format}{hint}")
 
     wraps = 0
     if wrap is not None:
@@ -72,7 +78,7 @@ def read_log(source: str | os.PathLike[str] | bytes | IO[Any], *, clock_hz: floa
     trace = _trace(stamps, pairs, names, 1_000_000 if fine else 1_000_000_000, reading.several)
     counts = problems.counts()
     report = Report(
-        source=title,
+        source=source.title,
         lines=reading.lines,
         stamps=len(trace),
         comments=reading.comments,

@@ -22,7 +22,7 @@ import numpy as np
 
 from labkit.outside import with_an_end
 from labkit.trace.kinds import CODE, KINDS
-from labkit.trace.report import LogError, told
+from labkit.trace.readers.report import LogError, told
 from labkit.trace.trace import COLUMNS, Trace
 
 #: More events than this are not read; 20 million take a gigabyte.

@@ -8,8 +8,8 @@ from typing import IO, Any
 
 import numpy as np
 
-from labkit.trace.files import opened
 from labkit.trace.kinds import KINDS
+from labkit.trace.readers.files import opened
 from labkit.trace.spans import KERNEL, span_table
 from labkit.trace.trace import Trace
 

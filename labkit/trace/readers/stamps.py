@@ -1,24 +1,17 @@
-"""The lines of a log as columns of stamps, read in blocks: from a path, a file or text, whatever is in it."""
+"""The lines of a log as columns of stamps, block by block, whatever is in it."""
 
 from __future__ import annotations
 
-import codecs
-import os
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
-from io import BytesIO, StringIO
 from itertools import repeat
 from math import ceil
-from typing import IO, Any
 
 import numpy as np
 
-from labkit.trace.report import LogError, Problems, told
-
-#: Longest log in bytes (a text in characters); one of this size has some 13 million stamps.
-MOST_BYTES = 256 << 20
+from labkit.trace.readers.report import LogError, Problems, told
+from labkit.trace.readers.source import Source
 
 #: More different names than this are no names.
 MOST_NAMES = 100_000
@@ -26,8 +19,6 @@ MOST_NAMES = 100_000
 US = 1000  # nanoseconds
 LONGEST = 10**18  # ns, 31 years
 MOST_CORE = 999
-
-_BLOCK = 1 << 20
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,85 +81,23 @@ class Reading:
         return self.names.setdefault(name, len(self.names))
 
 
-def read_stamps(source: str | os.PathLike[str] | bytes | IO[Any], wrap: Fraction | None) -> tuple[str, Stamps, Reading]:
-    """Read all lines; `wrap` is the time in ns after which the counter goes around, None if that is not known.
-
-    Returns:
-        the name of the source, the stamps, and what else was read.
-    """
+def read_stamps(source: Source, wrap: Fraction | None) -> tuple[Stamps, Reading]:
+    """Read all lines; `wrap` is the time in ns after which the counter goes around, None if that is not known."""
     if wrap is None:
         reading = Reading(LONGEST, "any recording lasts", Problems())
     else:  # a stamp may be rounded up
         reading = Reading(ceil(wrap) + US, "a 32-bit counter of this clock can reach", Problems())
-    title = _title(source)
     empty = _columns([], [], [], [], []).columns()
     columns = [bytearray() for _ in empty]  # they grow in place: lists of blocks would be there twice when they are joined
-    try:
-        with _stream(source) as stream:
-            for lines in _lines(stream, title):
-                if not reading.lines:
-                    reading.several = _several(lines)
-                block = _quickly(lines, reading) or _carefully(lines, reading)
-                for column, part in zip(columns, block.columns(), strict=True):
-                    column += part.tobytes()
-                reading.lines += len(lines)
-    except (OSError, UnicodeError) as error:
-        raise LogError(f"{title}: cannot be read ({getattr(error, 'strerror', None) or error})") from None
-    except ValueError as error:  # a NUL in a path, a closed file
-        raise error if isinstance(error, LogError) else LogError(f"{title}: cannot be read ({error})") from None
+    for lines in source.lines():
+        if not reading.lines:
+            reading.several = _several(lines)
+        block = _quickly(lines, reading) or _carefully(lines, reading)
+        for column, part in zip(columns, block.columns(), strict=True):
+            column += part.tobytes()
+        reading.lines += len(lines)
     stamps = Stamps(*(np.frombuffer(column, like.dtype) for column, like in zip(columns, empty, strict=True)))
-    return title, stamps, reading
-
-
-def _is_log(source: str) -> bool:
-    """Is this str a log rather than the path of one?"""
-    return "\n" in source or not source.strip() or (source.endswith((" 0", " 1")) and not os.path.exists(source))
-
-
-def _title(source: object) -> str:
-    if isinstance(source, str) and _is_log(source):
-        return "text"
-    name = source if isinstance(source, str | os.PathLike) else getattr(source, "name", "text")
-    name = str(name)
-    return name if name.isprintable() else told(name)
-
-
-@contextmanager
-def _stream(source: str | os.PathLike[str] | bytes | IO[Any]) -> Iterator[IO[Any]]:
-    if isinstance(source, str) and _is_log(source):
-        yield StringIO(source, newline="")
-    elif isinstance(source, str | os.PathLike):
-        with open(source, "rb") as file:
-            yield file
-    elif isinstance(source, bytes | bytearray):
-        yield BytesIO(source)
-    elif hasattr(source, "read"):
-        yield source
-    else:
-        raise LogError(f"a log is a path, an open file, bytes or text, not {type(source).__name__}")
-
-
-def _lines(stream: IO[Any], title: str) -> Iterator[list[str]]:
-    """The lines in blocks, without their ends; bytes as UTF-8, or UTF-16 if they begin like it (redirections in PowerShell)."""
-    size, begun, decoder = 0, list[str](), None
-    while piece := stream.read(_BLOCK):
-        size += len(piece)
-        if size > MOST_BYTES:
-            raise LogError(f"{title}: longer than {MOST_BYTES >> 20} MiB, the most that is read; cut the log into pieces")
-        if not isinstance(piece, str):
-            if decoder is None:
-                utf16 = piece[:2] in (b"\xff\xfe", b"\xfe\xff")
-                decoder = codecs.getincrementaldecoder("utf-16" if utf16 else "utf-8-sig")("replace")
-            piece = decoder.decode(piece)
-        begun.append(piece)
-        if "\n" in piece:
-            lines = "".join(begun).replace("\r\n", "\n").split("\n")
-            begun = [lines.pop()]
-            yield lines
-    if decoder is not None:
-        begun.append(decoder.decode(b"", True))
-    if last := "".join(begun):
-        yield [last]
+    return stamps, reading
 
 
 def _several(lines: list[str]) -> bool:
