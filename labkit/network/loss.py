@@ -1,4 +1,4 @@
-"""How messages are lost: a model makes a channel for each pair of sender and receiver, which says of each reception if it fails."""
+"""Loss of messages: a model makes a channel for each pair of sender and receiver, which says of each reception if it fails."""
 
 from __future__ import annotations
 
