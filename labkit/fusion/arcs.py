@@ -1,0 +1,160 @@
+"""Second half of the contour filter: the search for arcs. It takes the same points as the edges and knows nothing of them.
+
+Anytime, as in `edges`. At once, every group that is as small as the ball is taken for a ball, wherever its middle is. Then group by
+group it is fitted and kept or dropped: with the known radius, or, if that does not fit, with a free one. At last the larger groups
+are searched window by window, for a ball that touches something else; that is most of the time.
+
+What is accepted: the points are off the circle by at most `Settings.arc` in the mean, the circle fits clearly better than a line,
+and it bulges towards the scanner. These three rules are ours; source 2 names the format and the split into two parts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from labkit.fusion.circles import off_circle, known_radius, taubin
+from labkit.fusion.edges import groups
+from labkit.fusion.formats import NO_ARCS, Arcs, Points
+from labkit.fusion.settings import VISIT_NS, Settings
+
+LEAST = 4  # points of an arc with a known radius
+LEAST_FREE = 6  # of one without
+FREE_RADII = 0.04, 0.40  # m
+CURVED = 0.6  # a circle's error is at most this share of a line's
+FIT_VISITS = 12  # visits to a point by one fit: its rounds and the two errors
+Found = tuple[np.ndarray, float, np.ndarray]  # centre, radius, indices of the points
+
+
+def search_arcs(points: Points, settings: Settings | None = None) -> Iterator[tuple[int, Arcs]]:
+    """Anytime: rough arcs, then fitted ones, then those hidden in larger groups."""
+    settings = settings or Settings()
+    xy, away = points.xy, _away(points)
+    every = [group for group in groups(points, settings) if len(group) >= LEAST]
+    wide = [float(np.hypot(*np.ptp(xy[group], axis=0))) for group in every]
+    small = [group for group, width in zip(every, wide, strict=True) if width <= 2.4 * settings.ball]
+    found: dict[int, Found] = {}
+    for group in small:
+        found[int(group[0])] = xy[group].mean(axis=0) + 0.7 * settings.ball * away[group].mean(axis=0), settings.ball, group
+    yield max(1, len(xy)) * VISIT_NS, _arcs(xy, found)
+
+    for group, width in zip(every, wide, strict=True):
+        if width <= 2.2 * FREE_RADII[1]:
+            visits = FIT_VISITS * len(group)
+            kept = _with_known_radius(xy, away, group, settings)
+            if kept is None and len(group) >= LEAST_FREE:
+                visits += FIT_VISITS * len(group)
+                kept = _with_free_radius(xy, away, group, settings)
+            found.pop(int(group[0]), None)
+            if kept is not None:
+                found[int(group[0])] = kept
+            yield visits * VISIT_NS, _arcs(xy, found)
+
+    for group, width in zip(every, wide, strict=True):
+        if int(group[0]) in found or width <= 2.2 * settings.ball:
+            continue
+        before = found
+        for visits, hidden in _in_windows(points, away, group, settings):
+            found = before | {int(kept[2][0]): kept for kept in hidden}
+            yield max(1, visits) * VISIT_NS, _arcs(xy, found)
+
+
+def _away(points: Points) -> np.ndarray:
+    """Unit vectors from the scanner to each point."""
+    away = points.xy - points.viewpoints[points.origin]
+    return away / np.maximum(np.hypot(away[:, 0], away[:, 1]), 1e-9)[:, None]
+
+
+def _off_line(xy: np.ndarray) -> np.ndarray:
+    """Root mean square distance of the points (..., n, 2) from their best line: the square root of the smaller eigenvalue."""
+    p = xy - xy.mean(axis=-2, keepdims=True)
+    a, b, d = (p[..., 0] ** 2).mean(axis=-1), (p[..., 0] * p[..., 1]).mean(axis=-1), (p[..., 1] ** 2).mean(axis=-1)
+    return np.sqrt(np.maximum((a + d) / 2 - np.sqrt((a - d) ** 2 / 4 + b**2), 0))
+
+
+def _with_known_radius(xy: np.ndarray, away: np.ndarray, group: np.ndarray, settings: Settings) -> Found | None:
+    p, mean = xy[group], xy[group].mean(axis=0)
+    outward = away[group].mean(axis=0)
+    centre = known_radius(p, settings.ball, mean + 0.7 * settings.ball * outward)
+    error = off_circle(p, centre, settings.ball)
+    several = np.hypot(*outward) < 0.9  # seen from several sides: the middle of the points is no sign of the bulge
+    bulges = several or (centre - mean) @ outward > 0
+    return (centre, settings.ball, group) if error <= min(settings.arc, CURVED * _off_line(p)) and bulges else None
+
+
+def _with_free_radius(xy: np.ndarray, away: np.ndarray, group: np.ndarray, settings: Settings) -> Found | None:
+    p, mean = xy[group], xy[group].mean(axis=0)
+    centre, radius = taubin(p)
+    if not FREE_RADII[0] <= radius <= FREE_RADII[1] or abs(radius - settings.ball) < 0.2 * settings.ball:
+        return None
+    error = off_circle(p, centre, radius)
+    bulges = (centre - mean) @ away[group].mean(axis=0) > 0
+    return (centre, float(radius), group) if error <= min(settings.arc, CURVED / 2 * _off_line(p)) and bulges else None
+
+
+def _in_windows(
+    points: Points, away: np.ndarray, group: np.ndarray, settings: Settings
+) -> Iterator[tuple[int, list[Found]]]:
+    """Windows as wide as the ball would be seen, slid along a group: (visits, the best ones that do not overlap).
+
+    Windows of one width are treated together, and only those are fitted that bulge by a good part of the radius.
+    """
+    xy, radius = points.xy, settings.ball
+    seen_from = points.viewpoints[points.origin[group]]
+    distance = np.hypot(*(xy[group] - seen_from).T)
+    half = np.arcsin(np.minimum(radius / np.maximum(distance + radius, 1e-6), 1))
+    widths = np.clip(np.rint(2 * half / max(points.step, 1e-6)), LEAST, 200).astype(int) * len(points.viewpoints)
+    candidates: list[tuple[float, np.ndarray, np.ndarray]] = []
+    for width in np.unique(widths).tolist():
+        start = np.flatnonzero(widths == width)
+        start = start[start + width <= len(group)]
+        if not len(start):
+            continue
+        rows = group[start[:, None] + np.arange(width)]
+        p = xy[rows]
+        chord = p[:, -1] - p[:, 0]
+        span = np.hypot(*chord.T)
+        middle = p[:, width // 2] - p[:, 0]
+        bulge = (chord[:, 0] * middle[:, 1] - chord[:, 1] * middle[:, 0]) / np.maximum(span, 1e-9)  # to the left: free space
+        fits = (bulge > 0.35 * radius) & (span > radius) & (span < 2.4 * radius)
+        visits = 3 * len(rows)
+        if fits.any():
+            p, rows = p[fits], rows[fits]
+            centre = known_radius(p, radius, p.mean(axis=1) + 0.7 * radius * away[rows].mean(axis=1))
+            error = off_circle(p, centre, radius)
+            good = error <= np.minimum(settings.arc, CURVED * _off_line(p))
+            candidates += zip(error[good].tolist(), centre[good], rows[good], strict=True)
+            visits += FIT_VISITS * p.shape[0] * width
+        yield visits, _apart(candidates, radius)
+
+
+def _apart(candidates: list[tuple[float, np.ndarray, np.ndarray]], radius: float) -> list[Found]:
+    """The best candidates, none of which lies within another."""
+    kept: list[Found] = []
+    for _, centre, rows in sorted(candidates, key=lambda candidate: candidate[0]):
+        if all(np.hypot(*(centre - other)) > 2 * radius for other, _, _ in kept):
+            kept.append((centre, radius, rows))
+    return kept
+
+
+def _arcs(xy: np.ndarray, found: dict[int, Found]) -> Arcs:
+    if not found:
+        return NO_ARCS
+    spans = [_span(xy[group] - centre) for centre, _, group in found.values()]
+    return Arcs(
+        np.array([centre for centre, _, _ in found.values()]),
+        np.array([radius for _, radius, _ in found.values()]),
+        *np.array(spans).T,
+        np.array([len(group) for _, _, group in found.values()]),
+    )
+
+
+def _span(p: np.ndarray) -> tuple[float, float]:
+    """First and last angle of points around the origin, counterclockwise: all of the circle but the widest gap."""
+    angle = np.sort(np.arctan2(p[:, 1], p[:, 0]))
+    gaps = np.diff(angle, append=angle[0] + 2 * np.pi)
+    widest = int(np.argmax(gaps))
+    first = angle[(widest + 1) % len(angle)]
+    last = angle[widest]
+    return float(first), float(last if last >= first else last + 2 * np.pi)

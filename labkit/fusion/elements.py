@@ -1,0 +1,100 @@
+"""The element filter: objects that are known. A disc of the ball's size is a ball; a polygon with a long edge is the border; one
+that fits into a robot's square is a robot.
+
+Anytime, as in `edges`: at once every object that has the size of an element is one, where its middle is; then object by object the
+hidden side is taken into account. Of a robot one or two sides are seen, and its centre is half a side behind them; of a border
+every long edge is an element of its own.
+
+The confidence of a ball or robot grows with the points that support it, n / (n + 4); of a robot it is multiplied with the share of
+a side that was seen; of a border it is 1 less what it is shorter than twice the shortest. A choice of ours: source 2 prints none.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from labkit.fusion.formats import Disc, Element, Elements, Objects, Polygon
+from labkit.fusion.settings import VISIT_NS, Settings
+
+BALL_OFF = 0.03  # m by which a disc's radius may differ from the ball's
+SMALLEST = 0.4  # of a robot's side: what shows less of it is not told from clutter
+ALONG = 0.05  # weight of where a side's middle is against where its line is: its ends may be hidden
+
+
+def element_filter(objects: Objects, settings: Settings | None = None) -> Iterator[tuple[int, Elements]]:
+    """Anytime: objects to elements."""
+    settings = settings or Settings()
+    rough = [_rough(thing, settings) for thing in (*objects.discs, *objects.polygons)]
+    parts: list[list[Element]] = [[element] if element else [] for element in rough]
+
+    def made() -> Elements:
+        return Elements(objects.station, objects.time_ns, tuple(element for part in parts for element in part))
+
+    yield max(1, len(parts)) * VISIT_NS, made()
+    for i, polygon in enumerate(objects.polygons, start=len(objects.discs)):
+        if parts[i]:
+            parts[i] = _walls(polygon, settings) if parts[i][0].kind == "border" else _robot(polygon, settings)
+            yield 4 * len(polygon.corners) * VISIT_NS, made()
+
+
+def _sides(polygon: Polygon) -> np.ndarray:
+    """The edges of a polygon, shape (k, 2, 2)."""
+    c = polygon.corners
+    after = np.concatenate([c[1:], c[:1]]) if polygon.closed else c[1:]
+    return np.stack([c[: len(after)], after], axis=1)
+
+
+def _supported(points: int) -> float:
+    return points / (points + 4)
+
+
+def _rough(thing: Disc | Polygon, settings: Settings) -> Element | None:
+    """What it is by its size alone, at the middle of what is seen."""
+    if isinstance(thing, Disc):
+        if abs(thing.radius - settings.ball) > BALL_OFF:
+            return None
+        return Element("ball", thing.x, thing.y, 2 * thing.radius, _supported(thing.points))
+    longest = float(np.hypot(*(thing.corners[1:] - thing.corners[:-1]).T).max())
+    x, y = thing.corners.mean(axis=0).tolist()
+    if longest >= settings.border:
+        return Element("border", x, y, longest, _sure_of_wall(longest, settings))
+    extent = float(np.hypot(*np.ptp(thing.corners, axis=0)))
+    if SMALLEST * settings.robot <= extent <= 1.15 * np.sqrt(2) * settings.robot:
+        return Element("robot", x, y, settings.robot, _supported(thing.points))
+    return None
+
+
+def _sure_of_wall(length: float, settings: Settings) -> float:
+    return min(1.0, length / (2 * settings.border))
+
+
+def _walls(polygon: Polygon, settings: Settings) -> list[Element]:
+    """Every edge that is long enough."""
+    found = []
+    for a, b in _sides(polygon):
+        length = float(np.hypot(*(b - a)))
+        if length >= settings.border:
+            x, y = ((a + b) / 2).tolist()
+            heading = float(np.arctan2(b[1] - a[1], b[0] - a[0]))
+            found.append(Element("border", x, y, length, _sure_of_wall(length, settings), heading))
+    return found
+
+
+def _robot(polygon: Polygon, settings: Settings) -> list[Element]:
+    """The centre lies half a side to the right of every edge, and, less surely, beside its middle: weighted least squares."""
+    sides = _sides(polygon)
+    along = sides[:, 1] - sides[:, 0]
+    length = np.hypot(*along.T)
+    sides, along, length = sides[length > 0], along[length > 0], length[length > 0]
+    if not len(length) or length.max() < SMALLEST * settings.robot:
+        return []
+    u = along / length[:, None]
+    right = np.stack([u[:, 1], -u[:, 0]], axis=1)
+    middle = sides.mean(axis=1)
+    rows = np.concatenate([right, ALONG * u]) * np.tile(length, 2)[:, None]
+    known = np.concatenate([(right * middle).sum(axis=1) + settings.robot / 2, ALONG * (u * middle).sum(axis=1)])
+    x, y = np.linalg.lstsq(rows, known * np.tile(length, 2), rcond=None)[0].tolist()
+    shown = min(1.0, float(length.max()) / settings.robot)
+    return [Element("robot", x, y, settings.robot, _supported(polygon.points) * shown)]
