@@ -10,18 +10,18 @@ import sys
 from collections.abc import Callable
 from typing import Any, NoReturn
 
-from labkit.commands import experiments, models, recordings, sink
+from labkit.commands import experiments, fusion, models, recordings, sink
 from labkit.outside import one_line
 
 __all__ = ["parser"]
 
 #: The groups in the order of `labkit --help`.
-GROUPS = (experiments, recordings, models, sink)
+GROUPS = (experiments, recordings, models, sink, fusion)
 
 #: What each reader takes at most; more is refused with a sentence that says so.
 LIMITS = """\
 Limits: trace 256 MiB; replay 8 MiB, 1000 tasks, 10000000 ticks, 2000000 events; schedule 8 MiB, 50000 tasks,
-1000000 jobs; windows 8 MiB, 1000 parts; cache 5000000 references. What is more is refused and says so.
+1000000 jobs; windows 8 MiB, 1000 parts; cache 5000000 references; track 8 MiB, 1000 tracks. What is more is refused and says so.
 """
 
 
