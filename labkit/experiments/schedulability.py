@@ -11,7 +11,7 @@ from annotated_types import Interval, MultipleOf, Unit
 from typing_extensions import Doc
 
 from labkit.experiment import Experiment, Feedback, Labels, Metric
-from labkit.figures import Response, axis, gantt, responses, stack
+from labkit.figures import History, Response, axis, gantt, responses, stack
 from labkit.phases import BELOW_NS, LONGEST_NS, contour_model
 from labkit.scheduler import (
     PeriodicTask,
@@ -66,7 +66,7 @@ def misses(trace: Trace) -> int:
     return int(jobs(trace).missed.sum())
 
 
-class Schedules(Experiment[dict[str, Trace]]):
+class Schedules(Experiment[dict[str, History]]):
     """Which deadlines does a task set meet under RM, EDF and TAFT?
 
     Two or three periodic tasks, deadlines at the end of the period, all released at 0. RM and EDF know C; TAFT knows the expected
@@ -94,16 +94,16 @@ class Schedules(Experiment[dict[str, Trace]]):
         """What TAFT plans with."""
         return [TaskPair(t.name, t.wcet * self.ECET // 100, round(self.EP * MS), t.period) for t in self.tasks()]
 
-    def run(self) -> dict[str, Trace]:
+    def run(self) -> dict[str, History]:
         rng = np.random.default_rng(self.seed)
         tasks = self.tasks()
         times = {t.name: draw(self.work, t.wcet, -(-HORIZON * MS // t.period), rng) for t in tasks}
         return {
-            policy: simulate(self.pairs() if policy == "taft" else tasks, policy, HORIZON * MS, times, HZ)
+            policy: History(simulate(self.pairs() if policy == "taft" else tasks, policy, HORIZON * MS, times, HZ))
             for policy in ("rm", "edf", "taft")
         }
 
-    def figure(self, result: dict[str, Trace]) -> dict[str, Any]:
+    def figure(self, result: dict[str, History]) -> dict[str, Any]:
         titles = {
             "rm": "Rate monotonic: the shorter period first",
             "edf": "EDF: the earlier deadline first",
@@ -111,30 +111,34 @@ class Schedules(Experiment[dict[str, Trace]]):
         }
         panels = [
             gantt(
-                trace, ("task 1", "task 2", "task 3"), 0, SHOWN, title=titles[policy], remark=self._first_miss(trace), pairs=True
+                history,
+                ("task 1", "task 2", "task 3"),
+                0,
+                SHOWN,
+                title=titles[policy],
+                remark=self._first_miss(history),
+                pairs=True,
             )
-            for policy, trace in result.items()
+            for policy, history in result.items()
         ]
         return stack(*panels, height=600, shared=axis("time [ms]", range=[0, SHOWN]), keys=KEYS)
 
     @staticmethod
-    def _first_miss(trace: Trace) -> str:
-        table = jobs(trace)
-        late = np.flatnonzero(table.missed)
-        if not len(late):
+    def _first_miss(history: History) -> str:
+        if not len(history.misses):
             return ""
-        first = late[np.argmin(table.deadline[late])]
-        return f"{trace.names[table.task[first]]} misses its deadline at {table.deadline[first] / MS:g} ms"
+        task, _, deadline = history.misses[np.argmin(history.misses[:, 2])].tolist()
+        return f"{history.trace.names[task]} misses its deadline at {deadline / MS:g} ms"
 
-    def metrics(self, result: dict[str, Trace]) -> list[Metric]:
+    def metrics(self, result: dict[str, History]) -> list[Metric]:
         tasks, pairs = self.tasks(), self.pairs()
         verdicts = {"RM": response_time_test(rate_monotonic(tasks)), "EDF": edf_utilization_test(tasks), "TAFT": taft_test(pairs)}
         found = [
             Metric("worst-case utilisation", 100 * float(utilization(tasks)), "%", note="sum of C / T"),
             Metric("expected utilisation", 100 * float(taft_utilization(pairs)), "%", note="sum of (ECET + EP) / T"),
         ]
-        for (name, verdict), trace in zip(verdicts.items(), result.values(), strict=True):
-            missed = misses(trace)
+        for (name, verdict), history in zip(verdicts.items(), result.values(), strict=True):
+            missed = len(history.misses)
             found.append(
                 Metric(
                     f"{name} missed in {HORIZON // 1000} s",
@@ -145,7 +149,8 @@ class Schedules(Experiment[dict[str, Trace]]):
                     note=f"analysis: {'accepted' if verdict.accepted else 'not accepted'}, {verdict.why}",
                 )
             )
-        aborts = 100 * count(result["taft"], "abort") / count(result["taft"], "release")
+        taft = result["taft"].trace
+        aborts = 100 * count(taft, "abort") / count(taft, "release")
         accepted = ", ".join(name for name, verdict in verdicts.items() if verdict.accepted)
         return [
             *found,
@@ -155,8 +160,8 @@ class Schedules(Experiment[dict[str, Trace]]):
         ]
 
     @staticmethod
-    def _without_miss(result: dict[str, Trace]) -> str:
-        return ", ".join(policy.upper() for policy, trace in result.items() if not misses(trace)) or "none"
+    def _without_miss(result: dict[str, History]) -> str:
+        return ", ".join(policy.upper() for policy, history in result.items() if not len(history.misses)) or "none"
 
 
 @dataclass(frozen=True)
@@ -292,7 +297,7 @@ def check_rm_misses(answer: Schedules) -> Feedback:
     if answer.work != "worst":
         return Feedback(False, "let every job take its C: a set is judged by its worst case.")
     load, result = 100 * float(utilization(answer.tasks())), answer.run()
-    rm, edf = (misses(result[policy]) for policy in ("rm", "edf"))
+    rm, edf = (len(result[policy].misses) for policy in ("rm", "edf"))
     told = f"utilisation {load:.1f} %, {rm} misses under RM, {edf} under EDF"
     if edf or not rm:
         return Feedback(False, f"{told}; RM is to miss and EDF not.")

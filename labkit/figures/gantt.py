@@ -145,7 +145,7 @@ def _traces(view: _View, tasks: Sequence[str], locks: Sequence[str], pairs: bool
     drawn.append(_runs(view, runs, MAIN, paint, ""))
     if pairs:
         drawn.append(_runs(view, runs, BEYOND, [pale(colour) for colour in paint], ", beyond its expected time"))
-        drawn.append(_runs(view, runs, EXCEPTION, paint, ", exception part", pattern=CROSSED, line=OUTLINED))
+        drawn.append(_runs(view, runs, EXCEPTION, paint, ", exception part", CROSSED, line=OUTLINED))
     drawn += [_strip(view, found["holds"], lock, i) for i, lock in enumerate(locks)]
     drawn.append(_deadlines(view, found["deadline"]))
     drawn.append(_marks(view, found["release"], RELEASE, "release", 0.03 - BAR / 2))
@@ -227,13 +227,19 @@ def _bars(view: _View, table: Table, width: float, marker: Spec, words: str, tol
     }
 
 
-def _runs(view: _View, runs: Table, kind: int, paint: Sequence[str], words: str, **marker: Any) -> Spec:
-    """The runs of one kind in the colours of their tasks: numbers on a scale of steps, which travel better than texts."""
-    runs, n = runs[runs[:, 1] == kind], len(paint)
-    scale = [[edge / n, colour] for i, colour in enumerate(paint) for edge in (i, i + 1)]
-    made = {"color": view.row(runs[:, 0]), "colorscale": scale, "cmin": -0.5, "cmax": n - 0.5, "showscale": False}
+def _runs(
+    view: _View, runs: Table, kind: int, paint: Sequence[str], words: str, pattern: Spec | None = None, **marker: Any
+) -> Spec:
+    """The runs of one kind in the colours of their tasks. Plotly warns of every bar, slowly, whose colour is a number, and of
+    many colours under an overlaid pattern.
+    """
+    runs = runs[runs[:, 1] == kind]
+    colour = [paint[row] for row in view.row(runs[:, 0]).tolist()]
+    made = {"color": colour, "line": {"width": 0}, **marker}
+    if pattern:
+        made["pattern"] = {**pattern, "fillmode": "replace", "bgcolor": colour}
     told = [f"job {job}" if job >= 0 else "runs" for job in runs[:, 2].tolist()]
-    return _bars(view, runs, BAR, {**made, "line": {"width": 0}, **marker}, f"%{{customdata}}{words}", told)
+    return _bars(view, runs, BAR, made, f"%{{customdata}}{words}", told)
 
 
 def _strip(view: _View, holds: Table, lock: str, i: int) -> Spec:

@@ -124,6 +124,7 @@ def test_every_bench_draws_what_the_model_gives(open_notebook, notebook):
     nb = open_notebook(notebook)
     complaints: list[str] = []
     nb.page.on("pageerror", lambda error: complaints.append(str(error)))
+    nb.page.on("console", lambda said: complaints.append(said.text) if said.text.startswith("WARN:") else None)  # plotly's
     nb.run_all(180_000)
     benches = nb.page.locator(".lab-bench")
     faults: list[str] = []

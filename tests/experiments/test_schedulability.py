@@ -25,20 +25,21 @@ from labkit.trace import jobs
 
 def test_buttazzos_set_misses_at_7_under_rm_and_never_under_edf():
     result = Schedules().run()
-    table = jobs(result["rm"]).frame()
+    table = jobs(result["rm"].trace).frame()
     first = table[table["missed"]].sort_values("deadline").iloc[0]
     assert (first["task"], first["job"], first["deadline"], first["completion"]) == ("task 2", 0, 7 * MS, 8 * MS)
-    assert not misses(result["edf"]) and not misses(result["taft"])
+    assert not len(result["edf"].misses) and not len(result["taft"].misses)
+    assert len(result["rm"].misses) == table["missed"].sum()
 
 
 @settings(max_examples=30)
 @given(Schedules.strategy())
 def test_all_policies_get_the_same_jobs_and_an_accepted_taft_set_gives_every_part_its_expected_time(experiment):
     result = experiment.run()
-    releases = {policy: [r[0] for r in trace.rows("release").tolist()] for policy, trace in result.items()}
+    releases = {policy: [r[0] for r in history.trace.rows("release").tolist()] for policy, history in result.items()}
     assert releases["rm"] == releases["edf"] == releases["taft"]
     if taft_test(experiment.pairs()).accepted:
-        table = jobs(result["taft"])
+        table = jobs(result["taft"].trace)
         ecet = np.array([p.ecet for p in experiment.pairs()])[table.task]
         assert (table.main >= ecet)[table.abort >= 0].all()
 

@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 
 from labkit.figures.gantt import MOST, gantt
 from labkit.figures.history import BEYOND, EXCEPTION, MAIN, History
+from labkit.figures.style import colours
 from labkit.kernel import Kernel
 from labkit.scheduler.periodic import simulate
 from labkit.scheduler.tasksets import PeriodicTask, TaskPair
@@ -114,7 +115,8 @@ def test_bars_stand_where_the_jobs_ran():
     panel = gantt(periodic([(2, 5, 0), (4, 7, 0)]), ("t0", "t1"), 0, 35)
     ready, _, main = bars(panel)
     assert main["base"][:3].tolist() == [0, 2, 5]
-    assert main["y"][:3].tolist() == [0, -1, 0] and main["marker"]["color"][:3].tolist() == [0, 1, 0]
+    first, second = colours(("t0", "t1")).values()
+    assert main["y"][:3].tolist() == [0, -1, 0] and main["marker"]["color"][:3] == [first, second, first]
     assert ready["base"][0] == 0 and ready["x"][0] == 2 and ready["y"][0] == -1
 
 
