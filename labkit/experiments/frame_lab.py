@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
@@ -66,38 +67,10 @@ class FrameLab(Experiment[Arrival]):
         return Arrival(sent, received, judged, by_bytes, by_words)
 
     def figure(self, result: Arrival) -> dict[str, Any]:
-        rows = [("sent", result.sent, result.sent), ("received", result.received, result.sent)]
         heard = result.reception
         took = f"x = {heard.x:g}, y = {heard.y:g}, z = {heard.z:g}" if heard.verdict == "ok" else "the robot drops it"
-        cells, notes = [], []
-        for i, (_, data, wanted) in enumerate(rows):
-            cells += [_cell(at, -i, value, wanted[at] if at < len(wanted) else None) for at, value in enumerate(data)]
-        for name, first, last in FIELDS:
-            text = {"text": f"<b>{name}</b>", "x": (first + last) / 2 - 0.5, "y": 0.55, "yanchor": "bottom"}
-            notes.append(text)
-        width = max(FRAME_BYTES, len(result.received))
-        words = {
-            "type": "scatter",
-            "mode": "text",
-            "x": [at for _, data, _ in rows for at in range(len(data))],
-            "y": [-i for i, (_, data, _) in enumerate(rows) for _ in data],
-            "text": [f"{value:02X}" for _, data, _ in rows for value in data],
-            "textfont": {"size": FONT if width < 30 else FONT - 4, "color": INK},
-            "showlegend": False,
-            "hoverinfo": "skip",
-        }
-        y = axis(
-            "",
-            range=[-1.6, 1.1],
-            tickvals=[0, -1],
-            ticktext=["<b>sent</b>", "<b>received</b>"],
-            showgrid=False,
-            ticks="",
-            fixedrange=True,
-        )
-        x = axis("byte", range=[-0.6, width - 0.4], fixedrange=True, showgrid=False)
-        panel = Panel([words], y, x, shapes=cells, notes=notes, title=heard.verdict, caption=took, left=110)
-        return stack(panel, height=290, legend=False)
+        rows = {"sent": result.sent, "received": result.received}
+        return stack(frame_panel(rows, title=heard.verdict, caption=took), height=290, legend=False)
 
     def metrics(self, result: Arrival) -> list[Metric]:
         heard = result.reception
@@ -133,8 +106,43 @@ def damaged(frame: bytes, damage: str, byte: int, bit: int) -> bytes:
     return frame
 
 
-def _cell(at: int, row: int, value: int, wanted: int | None) -> dict[str, Any]:
-    """A box: coloured by its field where it is as sent, in the colour of an alarm where it is not."""
+def frame_panel(rows: Mapping[str, bytes], **more: Any) -> Panel:
+    """Two frames, one below the other, byte by byte; of the second those that differ from the first have the colour of an alarm.
+
+    `more` are other attributes of the `Panel`.
+    """
+    (upper, wanted), (lower, data) = rows.items()
+    cells = [_cell(at, 0, True) for at in range(len(wanted))]
+    cells += [_cell(at, -1, at < len(wanted) and value == wanted[at]) for at, value in enumerate(data)]
+    fields = [
+        {"text": f"<b>{name}</b>", "x": (first + last) / 2 - 0.5, "y": 0.55, "yanchor": "bottom"} for name, first, last in FIELDS
+    ]
+    width = max(FRAME_BYTES, len(data))
+    words = {
+        "type": "scatter",
+        "mode": "text",
+        "x": [*range(len(wanted)), *range(len(data))],
+        "y": [0] * len(wanted) + [-1] * len(data),
+        "text": [f"{value:02X}" for value in wanted + data],
+        "textfont": {"size": FONT if width < 30 else FONT - 4, "color": INK},
+        "showlegend": False,
+        "hoverinfo": "skip",
+    }
+    y = axis(
+        "",
+        range=[-1.6, 1.1],
+        tickvals=[0, -1],
+        ticktext=[f"<b>{upper}</b>", f"<b>{lower}</b>"],
+        showgrid=False,
+        ticks="",
+        fixedrange=True,
+    )
+    x = axis("byte", range=[-0.6, width - 0.4], fixedrange=True, showgrid=False)
+    return Panel([words], y, x, shapes=cells, notes=fields, left=110, **more)
+
+
+def _cell(at: int, row: int, right: bool) -> dict[str, Any]:
+    """A box: coloured by its field where it is right, in the colour of an alarm where it is not."""
     own = PALE if at < 24 else "#cfe3f1"
     return {
         "type": "rect",
@@ -143,8 +151,8 @@ def _cell(at: int, row: int, value: int, wanted: int | None) -> dict[str, Any]:
         "x1": at + 0.46,
         "y0": row - 0.4,
         "y1": row + 0.4,
-        "fillcolor": own if value == wanted else "#f6cdb4",
-        "line": {"color": (GREEN if at // 8 % 2 else BLUE) if value == wanted else VERMILION, "width": 1.5},
+        "fillcolor": own if right else "#f6cdb4",
+        "line": {"color": (GREEN if at // 8 % 2 else BLUE) if right else VERMILION, "width": 1.5},
     }
 
 

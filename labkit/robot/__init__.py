@@ -21,6 +21,7 @@ from labkit.robot.microros_executor import (
 from labkit.robot.microros_network import MESSAGES, Host, Message
 from labkit.robot.plant import OnBlocks, Plant, angles, increments
 from labkit.robot.rates import CPU_HZ, PERIODIC, PUBLISHED_NAMES, RATES, Rates, execution, rates, stamp_line
+from labkit.robot.reception import Read, VelocityLine
 from labkit.robot.trace_path import Sink, TracePath, lines
 
 __all__ = [
@@ -54,11 +55,13 @@ __all__ = [
     "OnBlocks",
     "Plant",
     "Rates",
+    "Read",
     "Recording",
     "Sink",
     "Subscription",
     "Timer",
     "TracePath",
+    "VelocityLine",
     "Work",
     "angles",
     "body_velocity",

@@ -6,7 +6,6 @@ kernel's lists, as on the board. What the tasks compute is the firmware's, on a 
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
@@ -16,6 +15,7 @@ from labkit.robot.control import PoseController, Smoother, Velocity, WheelContro
 from labkit.robot.mecanum import Pose, Wheels, body_velocity, moved, wheel_speeds
 from labkit.robot.plant import Body, Plant, added, angles
 from labkit.robot.rates import CPU_HZ, PERIODIC, RATES, Rates, execution, stamp_line
+from labkit.robot.reception import VelocityLine
 from labkit.robot.trace_path import Sink, TracePath, install, with_hook
 
 #: Priorities as published; IDLE is the kernel's own.
@@ -64,6 +64,7 @@ class Firmware:
         channel: how encoder readings get to the odometry. "overwrite" is the published one.
         wheel_control, pose_control: the controllers; both are off in the branch that was measured.
         wheel_gain, pose_gain: factors on the gains of the firmware.
+        buffers: for velocity frames; 1 is the published one, see `VelocityLine`.
         wrap_defect: the encoder's end subtracts 65534 downwards.
         trace_path: the sink and who feeds it; None leaves `tsink` and `profile` out.
         costs: what the kernel takes.
@@ -79,6 +80,7 @@ class Firmware:
     pose_control: bool = False
     wheel_gain: float = 1.0
     pose_gain: float = 1.0
+    buffers: int = 1
     wrap_defect: bool = True
     trace_path: TracePath | None = None
     costs: Costs = COSTS
@@ -116,7 +118,7 @@ class Board:
         pose: what the odometry tells. seen: the way it has seen, in mm.
         sink: what became of the stamps; None without a trace path.
         late: calls of delay_until that found their next period already over, by task.
-        inbox: velocities whose frames have come but are not yet read.
+        line: on which velocity frames come.
     """
 
     kernel: Kernel
@@ -126,7 +128,7 @@ class Board:
     pose: Pose = (0.0, 0.0, 0.0)
     seen: float = 0.0
     late: dict[str, int] = field(default_factory=lambda: dict.fromkeys(PERIODIC, 0))
-    inbox: deque[Velocity] = field(default_factory=deque)
+    line: VelocityLine = field(default_factory=lambda: VelocityLine(CPU_HZ))
     receiver: Any = None
 
     def advance(self, until: int) -> None:
@@ -135,9 +137,9 @@ class Board:
         self.plant.advance(until)
 
     def command(self, velocity: Velocity) -> None:
-        """A velocity frame is complete now: the line is idle, which is an interrupt."""
-        self.inbox.append(velocity)
-        self.kernel.interrupt(self.kernel.now, lambda isr: isr.notify_give(self.receiver))
+        """A velocity frame comes to the line now; at its last byte there is an interrupt."""
+        complete = self.line.send(self.kernel.now, velocity)
+        self.kernel.interrupt(complete, lambda isr: isr.notify_give(self.receiver))
 
 
 def build(firmware: Firmware, plant: Body | None = None) -> Board:
@@ -145,7 +147,7 @@ def build(firmware: Firmware, plant: Body | None = None) -> Board:
     rates, path = firmware.rates, firmware.trace_path
     costs = with_hook(firmware.costs, path)
     k = Kernel(CPU_HZ, rates.tick_hz, priorities=56, costs=costs, time_slicing=firmware.time_slicing)
-    board = Board(k, plant or Plant(CPU_HZ), firmware)
+    board = Board(k, plant or Plant(CPU_HZ), firmware, line=VelocityLine(CPU_HZ, buffers=firmware.buffers))
     bodies = {**control_tasks(board), "Tmr Svc": idle_timers}
     if path is not None:
         board.sink, tracers, scoped = install(k, path)
@@ -250,8 +252,10 @@ def control_tasks(board: Board) -> dict[str, Callable[[Any], Any]]:
 
     def recv_vel(os: Any) -> Any:
         while True:
-            yield os.notify_take(clear=False)
+            yield os.notify_take()
+            velocity = board.line.read(os.now)
             yield work["recv_vel"]
-            yield os.send(set_points, board.inbox.popleft(), 0)
+            if velocity is not None:
+                yield os.send(set_points, velocity, 0)
 
     return {f.__name__: f for f in (hal_fetch, odometry, pose_ctrl, wheel_ctrl, recv_vel)}
