@@ -4,8 +4,8 @@ A packet carries at most 1499 bytes (source 2, section 6.1.3), its header of 16 
 fragment's number and their count, and the message's timestamp. A message of 0 bytes is one fragment with nothing in it.
 
 Put together is what belongs together, in any order: fragments of the same source with the same number, count and timestamp. A
-doubled fragment changes nothing, as long as its message is one of the last few. What contradicts the others is refused, so that no
-message is ever made of two.
+doubled fragment changes nothing, as long as its message is one of the last few. What contradicts the others is refused, so that
+no message is ever made of two.
 """
 
 from __future__ import annotations
