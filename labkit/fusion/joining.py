@@ -1,7 +1,7 @@
 """Fusion of what several stations see: of points, as if one scanner had seen them, and of elements of one kind at one place.
 
-Both are anytime, as in `edges`; the first result is what is there without any fusion. Both take the data as they are: nothing here
-asks whether they were measured at the same time, and if they were not, one ball becomes two (source 2, figure 42).
+Both are anytime, as the stages of the chain; the first result is what is there without any fusion. Both take the data as they
+are: nothing here asks whether they were measured at the same time, and if not, one ball becomes two (source 2, figure 42).
 Source: diploma thesis on multi-stage sensor fusion (Univ. Magdeburg), section 2.5.
 """
 
@@ -12,8 +12,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from labkit.fusion.formats import Element, Elements, Points
-from labkit.fusion.settings import VISIT_NS, Settings
+from labkit.fusion.laser.formats import Element, Elements, Points
+from labkit.fusion.laser.settings import VISIT_NS, Settings
 
 PARALLEL = np.deg2rad(10.0)  # walls that differ by more are two
 

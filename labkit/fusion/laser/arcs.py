@@ -1,8 +1,8 @@
 """Second half of the contour filter: the search for arcs. It takes the same points as the edges and knows nothing of them.
 
-Anytime, as in `edges`. At once, every group that is as small as the ball is taken for a ball, wherever its middle is. Then group by
-group it is fitted and kept or dropped: with the known radius, or, if that does not fit, with a free one. At last the larger groups
-are searched window by window, for a ball that touches something else; that is most of the time.
+Anytime, as in `edges`. At once every group that is as small as the ball is taken for a ball, wherever its middle is. Then group
+by group it is fitted and kept or dropped: with the known radius, or, if that does not fit, with a free one. At last the larger
+groups are searched window by window, for a ball that touches something else.
 
 What is accepted: the points are off the circle by at most `Settings.arc` in the mean, the circle fits clearly better than a line,
 and it bulges towards the scanner. These three rules are ours; source 2 names the format and the split into two parts.
@@ -14,10 +14,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from labkit.fusion.circles import off_circle, known_radius, taubin
-from labkit.fusion.edges import groups
-from labkit.fusion.formats import NO_ARCS, Arcs, Points
-from labkit.fusion.settings import VISIT_NS, Settings
+from labkit.fusion.laser.circles import known_radius, off_circle, taubin
+from labkit.fusion.laser.edges import groups
+from labkit.fusion.laser.formats import NO_ARCS, Arcs, Points
+from labkit.fusion.laser.settings import VISIT_NS, Settings
 
 LEAST = 4  # points of an arc with a known radius
 LEAST_FREE = 6  # of one without
@@ -93,9 +93,7 @@ def _with_free_radius(xy: np.ndarray, away: np.ndarray, group: np.ndarray, setti
     return (centre, float(radius), group) if error <= min(settings.arc, CURVED / 2 * _off_line(p)) and bulges else None
 
 
-def _in_windows(
-    points: Points, away: np.ndarray, group: np.ndarray, settings: Settings
-) -> Iterator[tuple[int, list[Found]]]:
+def _in_windows(points: Points, away: np.ndarray, group: np.ndarray, settings: Settings) -> Iterator[tuple[int, list[Found]]]:
     """Windows as wide as the ball would be seen, slid along a group: (visits, the best ones that do not overlap).
 
     Windows of one width are treated together, and only those are fitted that bulge by a good part of the radius.
@@ -141,11 +139,12 @@ def _apart(candidates: list[tuple[float, np.ndarray, np.ndarray]], radius: float
 def _arcs(xy: np.ndarray, found: dict[int, Found]) -> Arcs:
     if not found:
         return NO_ARCS
-    spans = [_span(xy[group] - centre) for centre, _, group in found.values()]
+    first, last = zip(*(_span(xy[group] - centre) for centre, _, group in found.values()))
     return Arcs(
         np.array([centre for centre, _, _ in found.values()]),
         np.array([radius for _, radius, _ in found.values()]),
-        *np.array(spans).T,
+        np.array(first),
+        np.array(last),
         np.array([len(group) for _, _, group in found.values()]),
     )
 

@@ -1,12 +1,13 @@
 """The element filter: objects that are known. A disc of the ball's size is a ball; a polygon with a long edge is the border; one
 that fits into a robot's square is a robot.
 
-Anytime, as in `edges`: at once every object that has the size of an element is one, where its middle is; then object by object the
-hidden side is taken into account. Of a robot one or two sides are seen, and its centre is half a side behind them; of a border
-every long edge is an element of its own.
+Anytime, as in `edges`: at once every object that has the size of an element is one, where its middle is; then object by object
+the hidden side is taken into account. Of a robot one or two sides are seen, and its centre is half a side behind them; of a
+border every long edge is an element of its own.
 
-The confidence of a ball or robot grows with the points that support it, n / (n + 4); of a robot it is multiplied with the share of
-a side that was seen; of a border it is 1 less what it is shorter than twice the shortest. A choice of ours: source 2 prints none.
+The confidence of a ball or robot grows with the n points that support it, as n / (n + 4); of a robot it is multiplied with the
+share of a side that was seen; of a border it grows with its length up to twice the shortest. A choice of ours: source 2 prints
+none.
 """
 
 from __future__ import annotations
@@ -15,8 +16,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from labkit.fusion.formats import Disc, Element, Elements, Objects, Polygon
-from labkit.fusion.settings import VISIT_NS, Settings
+from labkit.fusion.laser.formats import Disc, Element, Elements, Objects, Polygon
+from labkit.fusion.laser.settings import VISIT_NS, Settings
 
 BALL_OFF = 0.03  # m by which a disc's radius may differ from the ball's
 SMALLEST = 0.4  # of a robot's side: what shows less of it is not told from clutter
@@ -26,7 +27,7 @@ ALONG = 0.05  # weight of where a side's middle is against where its line is: it
 def element_filter(objects: Objects, settings: Settings | None = None) -> Iterator[tuple[int, Elements]]:
     """Anytime: objects to elements."""
     settings = settings or Settings()
-    rough = [_rough(thing, settings) for thing in (*objects.discs, *objects.polygons)]
+    rough = [*(_rough(disc, settings) for disc in objects.discs), *(_rough(polygon, settings) for polygon in objects.polygons)]
     parts: list[list[Element]] = [[element] if element else [] for element in rough]
 
     def made() -> Elements:

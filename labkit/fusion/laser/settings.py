@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 
-from labkit.fusion.world import BALL_RADIUS, ROBOT_SIDE
+from labkit.fusion.laser.world import BALL_RADIUS, ROBOT_SIDE
 
-#: Modelled time of one visit to one point, in ns. An assumption: with it the start scene of the notebook costs the contour filter about
-#: what source 2 expects of it (30 ms for arcs and 4 ms for edges, table 5). On the machine you sit at it is far less.
-VISIT_NS = 1_000
+#: Modelled time of one visit to one point, in ns. An assumption: with it, edges take about the 4 ms that source 2 expects of them
+#: (table 5). Arcs take far less than its 30 ms, since most of their work here is left out early; real time is less still.
+VISIT_NS = 2_000
 
 
 @dataclass(frozen=True)
@@ -37,4 +37,6 @@ class Settings:
     def __post_init__(self) -> None:
         for field in fields(self):
             if not 0 < getattr(self, field.name) < 100:
-                raise ValueError(f"the setting {field.name} is {getattr(self, field.name)!r}; a length above 0 and below 100 m is allowed")
+                raise ValueError(
+                    f"the setting {field.name} is {getattr(self, field.name)!r}; a length above 0 and below 100 m is allowed"
+                )

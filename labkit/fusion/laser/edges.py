@@ -1,7 +1,7 @@
 """First half of the contour filter: points into groups, groups into edges by split and merge.
 
-An anytime algorithm: a generator that yields `(time_ns, result)`, each result as good as or better than the one before, so that it
-may be aborted at any yield (the convention of `labkit.phases`). The first result is there when every point has been visited once.
+An anytime algorithm: a generator that yields `(time_ns, result)`, results that get better, so that it may be aborted at any yield
+(the convention of `labkit.phases`). The first result is there when every point has been visited once.
 
 Sources: the gap between groups is that of G. Borges and M. Aldon, J. Intelligent and Robotic Systems 40 (2004); split and merge
 as compared in V. Nguyen et al., IROS 2005. What decides the order of the splits, the largest deviation first, is ours.
@@ -14,8 +14,8 @@ from heapq import heapify, heappop, heappush
 
 import numpy as np
 
-from labkit.fusion.formats import NO_EDGES, Edges, Points
-from labkit.fusion.settings import VISIT_NS, Settings
+from labkit.fusion.laser.formats import NO_EDGES, Edges, Points
+from labkit.fusion.laser.settings import VISIT_NS, Settings
 
 STEEPEST = np.deg2rad(10.0)  # a surface seen at a smaller angle than this may fall apart
 LEAST = 3  # points of an edge
@@ -42,7 +42,7 @@ def groups(points: Points, settings: Settings) -> list[np.ndarray]:
 
 
 def _across_stations(points: Points, found: list[np.ndarray], reach: float) -> list[np.ndarray]:
-    """Join groups of different stations that are near each other, and put their points in order, as if one scanner had seen them."""
+    """Join groups of different stations that are near each other; their points in order, as if one scanner had seen them."""
     xy = points.xy
     low, high = (np.array([f(xy[g], axis=0) for g in found]) for f in (np.min, np.max))
     root = list(range(len(found)))
@@ -155,7 +155,10 @@ def _fitted(p: np.ndarray, pieces: list[tuple[int, int]]) -> Edges:
         return NO_EDGES
     lines = [_line(p[i : k + 1]) for i, k in pieces]
     ends = np.array(
-        [[m + along * (along @ (p[i] - m)), m + along * (along @ (p[k] - m))] for (m, along), (i, k) in zip(lines, pieces, strict=True)]
+        [
+            [m + along * (along @ (p[i] - m)), m + along * (along @ (p[k] - m))]
+            for (m, along), (i, k) in zip(lines, pieces, strict=True)
+        ]
     )
     for n in range(len(pieces) - 1):
         (a, u), (b, v) = lines[n], lines[n + 1]

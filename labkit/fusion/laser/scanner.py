@@ -2,13 +2,13 @@
 
 - One rotation takes 13.32 ms and measures once per degree; 0.5 degrees are two rotations, shifted by half a degree, 0.25 degrees
   are four. Neighbouring beams are 13.32 ms apart, so that what moves is seen twice, like the teeth of a comb.
-- Resolution 10 mm, statistical error 5 mm (1 sigma, up to 8 m), systematic error up to 15 mm, range 80 m (10 m at 10 % reflectivity).
+- Resolution 10 mm, statistical error 5 mm (1 sigma, up to 8 m), systematic error up to 15 mm, range 80 m (10 m at 10 %
+  reflectivity).
 - A telegram has 10 bytes and 2 per value; over the serial link a byte is 10 bits, so that 361 values take 191 ms at 38 400 baud.
 - A spot that falls half on something near and half on what is behind gives a distance between the two ("mixed pixel").
 
-Not in the data sheets, and a choice of ours: the order of the four rotations, a spot of a quarter of a degree, a mixed distance drawn
-evenly between the two. Reflectivity, glass and the sun are left out. Source: SICK, telegram listing 8007954 and technical
-description 8008970.
+A choice of ours: the order of the four rotations, a spot of a quarter of a degree, a mixed distance drawn evenly between the two.
+Reflectivity, glass and the sun are left out. Source: SICK, telegram listing 8007954 and technical description 8008970.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from labkit.fusion.formats import Points, Pose, Scan
-from labkit.fusion.world import SECOND, World
+from labkit.fusion.laser.formats import Points, Pose, Scan
+from labkit.fusion.laser.world import SECOND, World
 
 ROTATION_NS = 13_320_000
 ROTATIONS = {1.0: 1, 0.5: 2, 0.25: 4}

@@ -6,12 +6,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TypeVar
 
-from labkit.fusion.arcs import search_arcs
-from labkit.fusion.edges import extract_edges
-from labkit.fusion.elements import element_filter
-from labkit.fusion.formats import NO_ARCS, NO_EDGES, Contours, Elements, Objects, Points
-from labkit.fusion.objects import object_filter
-from labkit.fusion.settings import Settings
+from labkit.fusion.laser.arcs import search_arcs
+from labkit.fusion.laser.edges import extract_edges
+from labkit.fusion.laser.elements import element_filter
+from labkit.fusion.laser.formats import NO_ARCS, NO_EDGES, Contours, Elements, Objects, Points
+from labkit.fusion.laser.objects import object_filter
+from labkit.fusion.laser.settings import Settings
 
 T = TypeVar("T")
 
@@ -48,9 +48,7 @@ class Chain:
     elements: Elements
 
 
-def run_chain(
-    points: Points, settings: Settings | None = None, edges_ns: int | None = None, arcs_ns: int | None = None
-) -> Chain:
+def run_chain(points: Points, settings: Settings | None = None, edges_ns: int | None = None, arcs_ns: int | None = None) -> Chain:
     """All stages; only the contour filter, by far the longest, may be aborted."""
     contours = contour_filter(points, settings, edges_ns, arcs_ns)
     objects = within(object_filter(contours, settings))

@@ -12,7 +12,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from labkit.fusion.formats import Kind, Pose
+from labkit.fusion.laser.formats import Kind, Pose
 
 BALL_RADIUS, ROBOT_SIDE = 0.11, 0.50  # m
 SECOND = 1_000_000_000  # ns
@@ -91,7 +91,7 @@ class Waypoints:
 
 @dataclass(frozen=True)
 class Body:
-    """Something a ray can hit: a circle of `radius`, or, where that is 0, the closed polygon of `corners` around its own origin."""
+    """Something a ray can hit: a circle of `radius`, or, where that is 0, the closed polygon of `corners` around its origin."""
 
     name: str
     kind: Kind

@@ -1,7 +1,7 @@
 """The object filter: contours that belong together become one object, a polygon or a disc.
 
-Anytime, as in `edges`: at once every arc is a disc and every edge a polygon of its own; then edges that are chords of a disc go, since
-both halves of the contour filter have seen the same points; then edges are joined, the nearest ends first.
+Anytime, as in `edges`: at once every arc is a disc and every edge a polygon of its own; then edges that are chords of a disc go,
+since both halves of the contour filter have seen the same points; then edges are joined, the nearest ends first.
 Source: diploma thesis on multi-stage sensor fusion (Univ. Magdeburg), section 2.5, which names the result; the rules are ours.
 """
 
@@ -11,8 +11,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from labkit.fusion.formats import Contours, Disc, Objects, Polygon
-from labkit.fusion.settings import VISIT_NS, Settings
+from labkit.fusion.laser.formats import Contours, Disc, Objects, Polygon
+from labkit.fusion.laser.settings import VISIT_NS, Settings
 
 
 def object_filter(contours: Contours, settings: Settings | None = None) -> Iterator[tuple[int, Objects]]:
@@ -25,7 +25,9 @@ def object_filter(contours: Contours, settings: Settings | None = None) -> Itera
     )
 
     def made(chains: list[list[int]]) -> Objects:
-        return Objects(contours.station, contours.time_ns, tuple(_polygon(ends, support, c, settings.join) for c in chains), discs)
+        return Objects(
+            contours.station, contours.time_ns, tuple(_polygon(ends, support, c, settings.join) for c in chains), discs
+        )
 
     chains = [[i] for i in range(len(ends))]
     yield max(1, len(ends) + len(arcs)) * VISIT_NS, made(chains)
@@ -38,7 +40,9 @@ def object_filter(contours: Contours, settings: Settings | None = None) -> Itera
     left = [chain[0] for chain in chains]
     if len(left) < 2:
         return
-    gap = np.hypot(*np.moveaxis(ends[left, 1][:, None] - ends[left, 0][None], -1, 0))  # from the end of one to the start of another
+    gap = np.hypot(
+        *np.moveaxis(ends[left, 1][:, None] - ends[left, 0][None], -1, 0)
+    )  # from the end of one to the start of another
     np.fill_diagonal(gap, np.inf)
     behind: dict[int, int] = {}
     before: dict[int, int] = {}

@@ -1,10 +1,10 @@
 """The formats of the chain: scan, points, contours, objects, elements. Every stage takes one and makes the next.
 
-All lengths are in metres in the frame of the field, angles in radians counted from its x axis, times in integer nanoseconds of the
-global clock. Every record has the time at which its data were measured and the name of the station, or of several, "A+B".
+All lengths are in metres in the frame of the field, angles in radians counted from its x axis, times in whole nanoseconds of
+the global clock. Every record has the time at which its data were measured and the name of the station, or of several, "A+B".
 
-What is measured from one place keeps the order of the scan, which is counterclockwise as seen from the scanner. Hence an edge runs
-with the free space on its left and what it belongs to on its right; later stages rely on it and need to know no viewpoint.
+What is measured from one place keeps the order of the scan, which is counterclockwise as seen from the scanner. Hence an edge
+runs with the free space on its left and what it belongs to on its right; later stages rely on it and need to know no viewpoint.
 
 Source: diploma thesis on multi-stage sensor fusion (Univ. Magdeburg), section 2.5.
 """
