@@ -89,6 +89,9 @@ class MicroRosRate(Experiment[Spun]):
     wander: Wander = 200
     loss: Loss = 0.0
     executors: Executors = "three"
+    reliable: Annotated[
+        bool, Doc("a publish waits inside the callback until the agent has acknowledged; the firmware's are best effort")
+    ] = False
     timer_rule: Rule = "jazzy"
     wait_rule: Annotated[
         Literal["poll", "at least 1", "0 is for ever", "for ever"],
@@ -111,6 +114,7 @@ class MicroRosRate(Experiment[Spun]):
             self.caches,
             self.tracing,
             executors=self.executors,
+            reliable=self.reliable,
             timer_rule=self.timer_rule,
             wait_rule=self.wait_rule,
             host=host,

@@ -16,8 +16,20 @@ import numpy as np
 from labkit.data import published_table
 from labkit.kernel import Costs, Kernel
 from labkit.robot.firmware import COSTS
-from labkit.robot.microros_executor import Callback, Client, Executor, Subscription, Timer, TimerRule, WaitRule, spin
-from labkit.robot.microros_network import ENCODER_DATA, ODOMETRY, WHEEL_VEL, Agent, Host, Message, go_along, install_network
+from labkit.robot.microros_executor import Callback, Client, Executor, Requests, Subscription, Timer, TimerRule, WaitRule, spin
+from labkit.robot.microros_network import (
+    ACKNOWLEDGED,
+    ASKED,
+    ENCODER_DATA,
+    MISSING,
+    ODOMETRY,
+    WHEEL_VEL,
+    Agent,
+    Host,
+    Message,
+    go_along,
+    install_network,
+)
 from labkit.robot.rates import CPU_HZ
 from labkit.robot.trace_path import Sink, TracePath, install, with_hook
 from labkit.trace import Trace
@@ -33,6 +45,7 @@ TASKS = {
     "EthLink": (16, 193),
 }
 PARTS = 20  # of a run, per second
+ANSWERS = {ACKNOWLEDGED: True, MISSING: False}
 CALLBACKS = ("w_ctrl", "p_ctrl", "odom")
 LINK_EVERY, LINK_PHASE = 100, 7  # ms between two questions of EthLink to the network chip; when it begins (an assumption)
 #: Of a spin pass the part before the wait; the source tells the whole only, the split is an assumption.
@@ -122,6 +135,7 @@ class MicroRos:
         executors: three in turn as in the firmware, or one for everything.
         timer_rule, wait_rule: see `microros_executor`.
         limit: of a spin, in ms.
+        reliable: a publish stays inside the callback until the agent has acknowledged; the firmware's are best effort.
         phase: tick at which the timers of the executors are created. `profile` starts at tick 0 and works every 10 ms, so this
             decides whether it and the callbacks meet. Not published; on the board it is when the agent has answered.
         trace_path: the sink and who feeds it; None leaves `tsink` and `profile` out.
@@ -135,6 +149,7 @@ class MicroRos:
     timer_rule: TimerRule = "jazzy"
     wait_rule: WaitRule = "poll"
     limit: int = 1
+    reliable: bool = False
     phase: int = 5
     trace_path: TracePath | None = None
     host: Host = field(default_factory=Host)
@@ -163,7 +178,8 @@ class Recording:
     Attributes:
         trace: of the kernel, with the callbacks as scopes. setup: what ran.
         waits: rows of the executors' waits, see `Client`. encoder: the number of the encoder data among the topics.
-        dropped: periods that each timer jumped over. sink: what became of the stamps.
+        dropped: periods that each timer jumped over. unconfirmed: reliable publishes given up after a second.
+        sink: what became of the stamps.
     """
 
     trace: Trace
@@ -171,6 +187,7 @@ class Recording:
     waits: np.ndarray
     encoder: int
     dropped: dict[str, int]
+    unconfirmed: int
     sink: Sink | None
 
     @property
@@ -229,14 +246,18 @@ class Recording:
         return ticks / (2 - self.paid) if self.paid is not None and self.paid < 2 else None
 
 
-def _publishes(name: str, cycles: int, message: Message | None, outbox: list[tuple[Message, int]]) -> Callback:
+#: Sends a message, from inside a callback.
+Publish = Callable[[Any, Message], Requests]
+
+
+def _publishes(name: str, cycles: int, message: Message | None, publish: Publish) -> Callback:
     """A callback that computes, then sends: serialising and the UDP send are part of its cycles, in the context of `uros`."""
 
     def callback(os: Any, _: Any) -> Any:
         yield os.begin(name)
         yield cycles
         if message is not None:
-            outbox.append((message, os.now))
+            yield from publish(os, message)
         yield os.end(name)
 
     return callback
@@ -247,15 +268,15 @@ def _keeps(os: Any, message: Any) -> Any:
     yield 0
 
 
-def executors(setup: MicroRos, outbox: list[tuple[Message, int]]) -> list[Executor]:
+def executors(setup: MicroRos, publish: Publish) -> list[Executor]:
     """The executors of the firmware, or the one in their place: their handles in order, semantics and triggers."""
     cycles, how = setup.work, (setup.timer_rule, setup.phase)
     before = round(cycles.spin * BEFORE)
     each: dict[str, Any] = {"limit": setup.limit, "before": before, "after": cycles.spin - before}
-    wheel = Timer(setup.wheel, _publishes("w_ctrl", cycles.w_ctrl, ENCODER_DATA, outbox), *how)
-    odometry = Timer(setup.pose, _publishes("odometry", cycles.odometry_timer, ODOMETRY, outbox), *how)
-    pose = Timer(setup.pose, _publishes("p_ctrl", cycles.p_ctrl, WHEEL_VEL, outbox), *how)
-    encoder = Subscription("encoder_data", _publishes("odom", cycles.odom, None, outbox))
+    wheel = Timer(setup.wheel, _publishes("w_ctrl", cycles.w_ctrl, ENCODER_DATA, publish), *how)
+    odometry = Timer(setup.pose, _publishes("odometry", cycles.odometry_timer, ODOMETRY, publish), *how)
+    pose = Timer(setup.pose, _publishes("p_ctrl", cycles.p_ctrl, WHEEL_VEL, publish), *how)
+    encoder = Subscription("encoder_data", _publishes("odom", cycles.odom, None, publish))
     if setup.executors == "one":
         inputs = [Subscription(topic, _keeps) for topic in ("wheel_vel", "cmd_vel", "odometry")]
         return [Executor("all", [inputs[0], wheel, encoder, odometry, *inputs[1:], pose], **each)]
@@ -275,12 +296,21 @@ def simulate(setup: MicroRos, seconds: float, steps: Callable[[Iterable[int]], I
     """
     k = Kernel(CPU_HZ, 1000, priorities=56, costs=with_hook(setup.costs, setup.trace_path))
     outbox: list[tuple[Message, int]] = []
-    spun = executors(setup, outbox)
+
+    def publish(os: Any, message: Message) -> Requests:
+        outbox.append((message, os.now))
+        if setup.reliable:
+            yield from client.confirm(os, ANSWERS.get, lambda data: outbox.append((message if data else ASKED, os.now)))
+
+    spun = executors(setup, publish)
     handles = [handle for executor in spun for handle in executor.handles]
     sink, tracers, _ = install(k, setup.trace_path) if setup.trace_path else (None, {}, None)
     mailbox, interface, stack, deliver = install_network(k, setup.work.eth_if, setup.work.tcpip)
     client = Client(
-        mailbox, [h for h in handles if isinstance(h, Subscription)], lambda message: message.topic, rule=setup.wait_rule
+        mailbox,
+        [h for h in handles if isinstance(h, Subscription)],
+        lambda message: None if message in ANSWERS else message.topic,
+        rule=setup.wait_rule,
     )
 
     def link(os: Any) -> Any:
@@ -303,11 +333,11 @@ def simulate(setup: MicroRos, seconds: float, steps: Callable[[Iterable[int]], I
     for name, (priority, stack_free) in TASKS.items():
         if name in bodies:
             k.task(name, bodies[name], priority, stack_free=stack_free)
-    agent, parts = Agent(setup.host, CPU_HZ, deliver), max(1, round(PARTS * seconds))
+    agent, parts = Agent(setup.host, CPU_HZ, deliver, setup.reliable), max(1, round(PARTS * seconds))
     first = (setup.phase + setup.wheel) * k.tick
     for part in steps(range(1, parts + 1)):
         go_along(k, agent, outbox, first + round(seconds * CPU_HZ * part / parts))
     waits = np.frombuffer(client.waits, dtype=np.int64).reshape(-1, 4)
     names = iter(("w_ctrl", "odometry", "p_ctrl"))
     dropped = {next(names): handle.dropped for handle in handles if isinstance(handle, Timer)}
-    return Recording(k.trace, setup, waits, list(client.subscriptions).index("encoder_data"), dropped, sink)
+    return Recording(k.trace, setup, waits, list(client.subscriptions).index("encoder_data"), dropped, client.unconfirmed, sink)

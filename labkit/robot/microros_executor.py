@@ -30,6 +30,7 @@ WAIT_RULES: dict[str, str] = {
     "0 is for ever": "receive timeout: lwIP reads 0 as for ever",
     "for ever": "receive timeout not compiled in: waits for a packet",
 }
+HEARTBEAT_EVERY, CONFIRM_WITHIN = 100, 1000  # ticks, which are ms: of a reliable publish
 DATA, TICK, EMPTY = 0, 1, 2  # what ended a wait: data; its limit; nothing there, and no time to wait
 
 
@@ -178,7 +179,7 @@ class Client:
     Attributes:
         waits: four numbers for each wait: its limit in ticks, what ended it, its end in cycles, and the number of the topic whose
             data ended it, in the order of the subscriptions (-1: none, or one that nobody has subscribed to).
-        dropped: messages that found no free buffer.
+        dropped: messages that found no free buffer. unconfirmed: reliable publishes given up.
     """
 
     def __init__(
@@ -195,7 +196,7 @@ class Client:
         self.subscriptions: Mapping[str, Subscription] = {s.topic: s for s in subscriptions}
         self._numbers = {topic: n for n, topic in enumerate(self.subscriptions)}
         self.waits = array("q")
-        self.dropped = 0
+        self.dropped = self.unconfirmed = 0
 
     def wait(self, os: Any, limit: int) -> Requests:
         """Read datagrams until one carries data, whoever it is for; what is in the buffers already does not count (rule 12).
@@ -220,6 +221,34 @@ class Client:
                 ended = TICK if limit else EMPTY
                 break
         self.waits.extend((limit, ended, os.now, number))
+
+    def confirm(self, os: Any, answer_of: Callable[[Any], bool | None], again: Callable[[bool], None]) -> Requests:
+        """A reliable publish, after it has sent: inside the callback, until the agent has acknowledged, for a second at most.
+
+        Data that come meanwhile go to their buffers, whoever they are for. Without an answer it sends a heartbeat every 100 ms.
+        (rmw_microxrcedds `rmw_publish.c`, the client's `session.c` and `output_reliable_stream.c`, the agent's `Processor.cpp`.)
+
+        Args:
+            answer_of: what a datagram without data says: True for acknowledged, False for missing, None for nothing of that.
+            again: sends once more: the message (True) or a heartbeat (False).
+
+        Returns whether it was acknowledged.
+        """
+        end = os.ticks + CONFIRM_WITHIN
+        beat = os.ticks + HEARTBEAT_EVERY
+        while os.ticks < end:
+            datagram = yield os.receive(self.mailbox, max(0, min(beat, end) - os.ticks))
+            if datagram is None:
+                beat += HEARTBEAT_EVERY
+                again(False)
+            elif (topic := self.topic_of(datagram)) is not None:
+                self.store(topic, datagram)
+            elif answer := answer_of(datagram):
+                return True
+            elif answer is False:
+                again(True)
+        self.unconfirmed += 1
+        return False
 
     def store(self, topic: str, message: Any) -> None:
         """Rule 16: the newest `depth` stay; if all of the pool is taken by others, the message is dropped."""

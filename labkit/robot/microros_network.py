@@ -70,6 +70,9 @@ WHEEL_VEL = Message("wheel_vel", TWIST)
 CMD_VEL = Message("cmd_vel", TWIST)
 MESSAGES = {m.topic: m for m in (ENCODER_DATA, ODOMETRY, WHEEL_VEL, CMD_VEL)}
 
+#: What a reliable stream sends beside the data: the board asks, the agent says that it has got the message, or that it has not.
+ASKED, ACKNOWLEDGED, MISSING = (Message(what, HEARTBEAT - XRCE) for what in ("heartbeat", "acknowledged", "missing"))
+
 
 @dataclass(frozen=True)
 class Host:
@@ -80,7 +83,9 @@ class Host:
             cable included; no less than those take.
         jitter: mean in us of an exponential time that is added, each message its own.
         wander: every second the round trip is longer by a random part of this, in us.
-        loss: share of the messages that never come back.
+        loss: share of the messages that never come back; of a reliable stream each exchange with the agent, by itself.
+        acknowledged: us from the end of a reliable publish until the agent's acknowledgement is back at the Ethernet controller,
+            without jitter. Which part of the round trip is the agent's is not known; this is half the default.
         operator_hz: velocity commands per second that a host program publishes.
         seed: of all these random numbers.
     """
@@ -89,11 +94,12 @@ class Host:
     jitter: float = 100.0
     wander: float = 0.0
     loss: float = 0.0
+    acknowledged: float = 150.0
     operator_hz: int = 0
     seed: int = 1
 
     def __post_init__(self) -> None:
-        for name in ("round_trip", "jitter", "wander", "operator_hz"):
+        for name in ("round_trip", "jitter", "wander", "acknowledged", "operator_hz"):
             if not 0 <= getattr(self, name) < 1e7:
                 raise ValueError(f"host: {name} = {getattr(self, name)} is not allowed; allowed is 0 to 10 million")
         if not 0 <= self.loss <= 1:
@@ -105,36 +111,59 @@ class Agent:
 
     Args:
         deliver: called with a message when its frame is at the board.
+        reliable: whether the agent acknowledges what it gets: at once, and when it is asked.
 
     Attributes:
         shortest: cycles that no message can undercut, from the end of its publish until it is back.
     """
 
-    def __init__(self, host: Host, hz: int, deliver: Callable[[Message], None]):
-        self.host, self.hz, self.deliver = host, hz, deliver
+    def __init__(self, host: Host, hz: int, deliver: Callable[[Message], None], reliable: bool = False):
+        self.host, self.hz, self.deliver, self.reliable = host, hz, deliver, reliable
         self.env = simpy.Environment()
         self._rng = np.random.default_rng(host.seed)
         self._down = simpy.Resource(self.env)  # the cable towards the board: a frame at a time
         self._us = hz / 1e6
         self._longer = np.random.default_rng([host.seed, 2]).uniform(0, host.wander, 256)  # by the second
-        self._wire = {m: m.wire(hz) for m in MESSAGES.values()}
-        self.shortest = max(2 * min(self._wire.values()), int(host.round_trip * self._us))
+        self._wire = {m: m.wire(hz) for m in (*MESSAGES.values(), ASKED, ACKNOWLEDGED, MISSING)}
+        self._got = True  # what the board waits for at present
+        back = min(host.round_trip, host.acknowledged) if reliable else host.round_trip
+        self.shortest = max(2 * min(self._wire.values()), int(back * self._us))
         if host.operator_hz:
             self.env.process(self._operator(hz // host.operator_hz))
 
     def publish(self, message: Message, at: int) -> None:
         """A message that the board has finished sending at cycle `at`, no earlier than the last event here."""
-        self.env.process(self._way(message, at))
+        self.env.process(self._asked(at) if message is ASKED else self._way(message, at))
 
     def _way(self, message: Message, at: int) -> Any:
         """There and back again."""
         wire = self._wire[message]
         trip = self.host.round_trip + self._longer[at // self.hz % len(self._longer)]
         late = self._rng.exponential(self.host.jitter) if self.host.jitter else 0.0
-        if self._rng.random() < self.host.loss:
+        self._got = not self._lost()
+        if not self._got:
             return
+        if self.reliable:
+            self.env.process(self._answer(message, at))
         yield self.env.timeout(at - self.env.now + wire + max(0, round((trip + late) * self._us) - 2 * wire))
         yield from self._arrival(message)
+
+    def _asked(self, at: int) -> Any:
+        """A heartbeat comes, or does not."""
+        if not self._lost():
+            yield from self._answer(ASKED, at)
+
+    def _answer(self, message: Message, at: int) -> Any:
+        """The agent says whether it has got what the board waits for."""
+        answer = ACKNOWLEDGED if self._got else MISSING
+        on_cable = self._wire[message] + self._wire[answer]
+        yield self.env.timeout(
+            at - self.env.now + self._wire[message] + max(0, round(self.host.acknowledged * self._us) - on_cable)
+        )
+        yield from self._arrival(answer)
+
+    def _lost(self) -> bool:
+        return bool(self._rng.random() < self.host.loss)
 
     def _arrival(self, message: Message) -> Any:
         with self._down.request() as turn:

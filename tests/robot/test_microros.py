@@ -244,3 +244,61 @@ def test_no_recording_at_another_rate():
 
 def test_a_message_knows_its_frame():
     assert Message("x", 10).frame == 10 + 12 + 28 + 18
+
+
+# Reliable publishing
+
+
+def inside(run, callback="w_ctrl"):
+    """Length of each call of a callback in us."""
+    begin, end = run.passes(callback)[:-1].T  # the last may be cut by the end of the run
+    return (end - begin) / US
+
+
+@cache
+def reliable(wheel, loss=0.0, seconds=2, **host):
+    return simulate(MicroRos(wheel, 20, WORK, costs=Costs(), reliable=True, host=Host(300, 100, loss=loss, **host)), seconds)
+
+
+@pytest.mark.parametrize("acknowledged", [100.0, 150.0, 400.0])
+def test_a_reliable_publish_stays_in_the_callback_for_the_way_to_the_agent_and_back(acknowledged):
+    run = reliable(10, acknowledged=acknowledged)
+    took = inside(run)
+    board = 18 + 28  # EthIf and tcpip_thread with the frame of the answer
+    assert took.min() == pytest.approx(95 + acknowledged + board, abs=1)
+    assert took.max() < 95 + acknowledged + 4 * board + 30  # other frames, in front of it
+    assert run.unconfirmed == 0 and run.dropped["w_ctrl"] == 0
+
+
+def test_data_that_come_during_a_reliable_publish_are_kept():
+    run = reliable(10, acknowledged=2000.0)
+    assert len(run.passes("odom")) >= len(run.calls) - 1
+
+
+def test_what_is_lost_is_sent_again_after_the_heartbeat():
+    took = inside(reliable(10, loss=0.02, seconds=5))
+    late = took[took > 1000]
+    assert len(late) > 0
+    whole = late / 100_000  # heartbeats
+    assert (whole % 1 < 0.01).all() and whole.min() < 1.01
+
+
+def test_one_percent_lost_halves_the_rate_of_1000_hz():
+    """Each loss costs 100 ms, and there are eleven exchanges in 10 ms: best effort loses the message alone."""
+    assert reliable(1, loss=0.01).rate < 0.65 * rate(300, loss=0.01)
+
+
+def test_an_agent_that_is_gone_takes_a_second_for_each_publish():
+    run = reliable(10, loss=1.0, seconds=4)
+    assert run.unconfirmed >= 3 and len(run.calls) <= 3
+    assert inside(run) == pytest.approx([1e6 + 95] * (len(run.calls) - 1), abs=1000)
+
+
+def test_an_answer_takes_no_less_than_the_cable():
+    took = inside(simulate(MicroRos(10, 20, WORK, costs=Costs(), reliable=True, host=Host(300, 0, acknowledged=0.0)), 1))
+    assert took.min() > 95 + 18 + 28 + 12
+
+
+def test_an_acknowledgement_has_its_bounds():
+    with pytest.raises(ValueError, match="host: acknowledged = -1 is not allowed; allowed is 0 to 10 million"):
+        Host(acknowledged=-1)
