@@ -12,6 +12,7 @@ from labkit.figures.panel import Panel, stack
 from labkit.figures.phases import activity_stack, periods_gantt, plan, verdict_grid
 from labkit.figures.steps import Marks, Steps, priorities, steps
 from labkit.figures.style import BLUE, FONT, GREEN, GREY, INK, ORANGE, PALE, PURPLE, SKY, VERMILION, YELLOW, axis, colours, key
+from labkit.figures.tracks import Dots, Way, ellipse, tracks
 
 __all__ = [
     "BLUE",
@@ -29,6 +30,7 @@ __all__ = [
     "Bar",
     "Cell",
     "Curve",
+    "Dots",
     "Factor",
     "History",
     "Lane",
@@ -39,12 +41,14 @@ __all__ = [
     "Response",
     "Span",
     "Steps",
+    "Way",
     "activity_stack",
     "axis",
     "cache_map",
     "colours",
     "curves",
     "dumbbells",
+    "ellipse",
     "factors",
     "gantt",
     "interleaving",
@@ -58,5 +62,6 @@ __all__ = [
     "stack",
     "stacked",
     "steps",
+    "tracks",
     "verdict_grid",
 ]

@@ -1,8 +1,11 @@
 """From laser points to moving elements: world and scanner, the stages of the chain, fusion of stations, Kalman tracking."""
 
 from labkit.fusion.association import GATE, GlobalNearest, JointCompatible, NearestFirst, Pairs, Rule, gate_squared, pairs
+from labkit.fusion.consistency import Kind as FilterKind
+from labkit.fusion.consistency import claimed_and_real, expected_nees
 from labkit.fusion.filters import Filter, Forecast, MatrixFilter, PlaneFilter, SourceFilter, start
 from labkit.fusion.joining import fuse_elements, fuse_points
+from labkit.fusion.judging import Gospa, consistency_band, gospa, normalised_squares, ospa, rmse, switches
 from labkit.fusion.kalman import (
     MOTIONS,
     Model,
@@ -66,11 +69,13 @@ from labkit.fusion.laser import (
     within,
 )
 from labkit.fusion.measurements import COLUMNS, ESTIMATE, Measurement, Reading, read_measurements, write_estimates
+from labkit.fusion.stations import COURSES, Course, Looks, Stations, averages, fuse, place
 from labkit.fusion.tracks import Reorderer, Step, Track, Tracked, Tracker, looks, track
 
 __all__ = [
     "BALL_RADIUS",
     "COLUMNS",
+    "COURSES",
     "ESTIMATE",
     "GATE",
     "MOTIONS",
@@ -84,14 +89,18 @@ __all__ = [
     "Chain",
     "Circle",
     "Contours",
+    "Course",
     "Disc",
     "Edges",
     "Element",
     "Elements",
     "Filter",
+    "FilterKind",
     "Forecast",
     "GlobalNearest",
+    "Gospa",
     "JointCompatible",
+    "Looks",
     "MatrixFilter",
     "Measurement",
     "Model",
@@ -111,6 +120,7 @@ __all__ = [
     "Scanner",
     "Settings",
     "SourceFilter",
+    "Stations",
     "Step",
     "StopAndGo",
     "Straight",
@@ -120,35 +130,46 @@ __all__ = [
     "Waypoints",
     "World",
     "arc_quality",
+    "averages",
     "axis_covariance",
     "ball",
     "border",
+    "claimed_and_real",
+    "consistency_band",
     "contour_filter",
     "edge_quality",
     "element_filter",
     "element_quality",
+    "expected_nees",
     "extract_edges",
     "field",
+    "fuse",
     "fuse_elements",
     "fuse_points",
     "gate_squared",
+    "gospa",
     "groups",
     "kasa",
     "known_radius",
     "looks",
+    "normalised_squares",
     "object_filter",
     "object_quality",
+    "ospa",
     "pairs",
+    "place",
     "points",
     "process_noise",
     "read_measurements",
     "read_scans",
+    "rmse",
     "robot",
     "run_chain",
     "scan",
     "search_arcs",
     "seen_bodies",
     "start",
+    "switches",
     "taubin",
     "textbook_predict",
     "textbook_update",

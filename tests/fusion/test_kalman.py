@@ -191,7 +191,7 @@ HEAD = "t_s,x_m,y_m,station\n"
 def test_a_bad_file_is_refused_by_name(text, sentence, tmp_path):
     path = tmp_path / "m.csv"
     path.write_text(text, encoding="utf-8")
-    with pytest.raises(ValueError, match="m.csv, line") as refused:
+    with pytest.raises(ValueError, match=r"m\.csv, line") as refused:
         read_measurements(path, 0.1)
     assert sentence in str(refused.value)
 
