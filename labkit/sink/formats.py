@@ -180,6 +180,18 @@ class Stream:
         self.pending = 0
         return True
 
+    def alive(self, cycle: int) -> bool:
+        """A word that holds nothing but the time, if it finds room: one per wrap keeps the time known while nothing happens.
+
+        ValueError for a format that has none.
+        """
+        if self.format != "word":
+            raise ValueError(f"the format {self.format!r} has no words of time alone; only 'word' has")
+        if len(self._waiting) + 4 > self.capacity:
+            return False
+        self._waiting += word_alive(cycle)
+        return True
+
     def take(self, most: int) -> bytes:
         """The next bytes for the wire, at most so many."""
         sent = bytes(self._waiting[:most])

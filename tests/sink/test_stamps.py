@@ -188,6 +188,21 @@ def test_binary_streams_become_the_text_that_the_reader_of_logs_takes():
     assert trace.names == ("w_ctrl",) and len(trace.time) == 20
 
 
+def test_a_stream_of_words_can_say_the_time():
+    silent = [0, 3 * 2**26 + 7]
+    for every, known in ((2**25, silent), (2**26 + 1, [0, 7])):
+        stream = Stream(100, "word", NAMES)
+        stream.put("IDLE", silent[0], True)
+        for cycle in range(every, silent[1], every):
+            assert stream.alive(cycle)
+        stream.put("IDLE", silent[1], True)
+        assert decode_words(stream.close()).cycle.tolist() == known
+    full = Stream(6, "word", NAMES)
+    assert full.alive(0) and not full.alive(1) and len(full) == 4 and full.dropped == 0
+    with pytest.raises(ValueError, match=r"^the format 'record' has no words of time alone; only 'word' has$"):
+        Stream(100, "record", NAMES).alive(0)
+
+
 def test_names_and_formats_have_limits():
     with pytest.raises(ValueError, match=r"^there is no format 'xml'; there are text, record, word$"):
         Stream(10, "xml", NAMES)
