@@ -9,9 +9,9 @@ from labkit.commands.command import Add, print_json
 
 
 def _trace(args: argparse.Namespace) -> None:
-    from labkit.trace import describe, export_chrome, export_csv, export_npz, read_log, statistics
+    from labkit.trace import describe, export_chrome, export_csv, export_npz, read_recording, statistics
 
-    trace, report = read_log(args.log, clock_hz=args.clock_hz)
+    trace, report = read_recording(args.log, clock_hz=args.clock_hz)
     table = statistics(trace)
     if args.export:
         writers = {".json": export_chrome, ".csv": export_csv, ".npz": export_npz}

@@ -2,11 +2,12 @@
 
 from labkit.trace.folds import holds, overheads, priorities, ready, runs, waits
 from labkit.trace.jobs import EXCEPTION, MAIN, PARTS, Jobs, Slices, jobs, owners, slices
-from labkit.trace.kinds import CODE, ISR_OPS, KINDS, OVERHEADS, STATES
+from labkit.trace.kinds import CODE, ISR_OPS, KINDS, NOTIFY_ACTIONS, OVERHEADS, STATES, TIMER_COMMANDS
 from labkit.trace.occupancy import Occupancy, occupancy
 from labkit.trace.readers.chrome import export_chrome
 from labkit.trace.readers.files import export_csv, export_npz, read_csv, read_npz
 from labkit.trace.readers.log import read_log
+from labkit.trace.readers.recording import read_recording
 from labkit.trace.readers.report import LogError, Problem, Report
 from labkit.trace.spans import spans
 from labkit.trace.statistics import describe, statistics
@@ -19,9 +20,11 @@ __all__ = [
     "ISR_OPS",
     "KINDS",
     "MAIN",
+    "NOTIFY_ACTIONS",
     "OVERHEADS",
     "PARTS",
     "STATES",
+    "TIMER_COMMANDS",
     "Jobs",
     "LogError",
     "Occupancy",
@@ -42,6 +45,7 @@ __all__ = [
     "read_csv",
     "read_log",
     "read_npz",
+    "read_recording",
     "ready",
     "runs",
     "slices",

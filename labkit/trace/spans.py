@@ -200,6 +200,7 @@ def span_table(trace: Trace) -> dict[str, np.ndarray]:
         "depth": nesting.depth,
         "complete": complete,
         "opened": opened,
+        "closed": closed,
         "run": np.arange(len(name)) < len(runs[0]),
     }
 
@@ -247,5 +248,7 @@ def _runs(trace: Trace) -> tuple[np.ndarray, ...]:
     complete[-1:] = False
     if len(rows) and trace.start > 0 and begin[0] == trace.start and trace.other[rows[0]] < 0:
         complete[0] = False  # the first row of a window: the run began before it
+    if len(rows) and trace.other[rows[0]] == task[0]:
+        complete[0] = False  # from itself: so a recording says that it began before
     keep = (task >= 0) & (end > begin)
     return tuple(column[keep] for column in (task, opened, closed, begin, end, complete))

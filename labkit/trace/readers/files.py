@@ -59,7 +59,7 @@ def export_csv(trace: Trace, target: str | os.PathLike[str] | IO[str]) -> None:
     names = [*trace.names, ""]  # index -1: none
     more = [] if trace.core is None else [trace.core]
     with opened(target, "w") as file:
-        file.write("# " + json.dumps(_head_of(trace)) + "\r\n")
+        file.write("# " + json.dumps(head_of(trace)) + "\r\n")
         writer = csv.writer(file)
         writer.writerow(_FIELDS[: len(COLUMNS) + len(more)])
         for first in range(0, len(trace), _BLOCK):
@@ -80,7 +80,7 @@ def read_csv(source: str | os.PathLike[str] | IO[str]) -> Trace:
     try:
         with opened(source, "r") as file:
             line = file.readline(MOST_HEAD)
-            head = _head(line.removeprefix("# "))
+            head = read_head(line.removeprefix("# "))
             codes = {**{name: i for i, name in enumerate(head["names"])}, "": -1}
             if len(codes) <= len(head["names"]):
                 raise LogError("line 1: the names must be different from each other and not empty")
@@ -94,7 +94,7 @@ def read_csv(source: str | os.PathLike[str] | IO[str]) -> Trace:
                 blocks.append(np.array(block, dtype=np.int64))
                 if (len(blocks) - 1) * _BLOCK > MOST_EVENTS:
                     raise LogError(f"more than {MOST_EVENTS} events; that many are read from one file")
-        return _trace(head, dict(zip(fields, np.ascontiguousarray(np.concatenate(blocks).T), strict=True)))
+        return checked_trace(head, dict(zip(fields, np.ascontiguousarray(np.concatenate(blocks).T), strict=True)))
     except OSError as error:
         raise LogError(f"{_named(source)}: cannot be read ({error.strerror or error})") from None
     except (UnicodeError, csv.Error, OverflowError) as error:
@@ -112,7 +112,7 @@ def export_npz(trace: Trace, target: str | os.PathLike[str] | IO[bytes]) -> None
         target: path, or a file open for writing bytes.
     """
     columns = {name: getattr(trace, name) for name in (COLUMNS if trace.core is None else _FIELDS)}
-    head = np.frombuffer(json.dumps(_head_of(trace)).encode(), np.uint8)
+    head = np.frombuffer(json.dumps(head_of(trace)).encode(), np.uint8)
     with opened(target, "wb") as file:
         np.savez_compressed(file, head=head, **columns)
 
@@ -125,10 +125,10 @@ def read_npz(source: str | os.PathLike[str] | IO[bytes]) -> Trace:
     """
     try:
         with opened(source, "rb") as file, zipfile.ZipFile(with_an_end(file)) as archive:
-            head = _head(_array(archive, "head", np.uint8, MOST_HEAD).tobytes())
+            head = read_head(_array(archive, "head", np.uint8, MOST_HEAD).tobytes())
             several = "core.npy" in archive.namelist()
             columns = {name: _array(archive, name, np.int64, MOST_EVENTS) for name in (_FIELDS if several else COLUMNS)}
-        return _trace(head, columns)
+        return checked_trace(head, columns)
     except OSError as error:
         raise LogError(f"{_named(source)}: cannot be read ({error.strerror or error})") from None
     except _UNREADABLE as error:
@@ -155,13 +155,15 @@ def _array(archive: zipfile.ZipFile, name: str, dtype: type[np.generic], most: i
     return np.frombuffer(body, dtype)
 
 
-def _head_of(trace: Trace) -> dict[str, Any]:
+def head_of(trace: Trace) -> dict[str, Any]:
+    """What a file says of the trace as a whole."""
     head: dict[str, Any] = {"hz": trace.hz, "start": trace.start, "end": trace.end, "names": trace.names}
     more = {"exception_of": trace.exception_of, "closed": trace.closed}
     return head | {key: value for key, value in more.items() if value}
 
 
-def _head(line: str | bytes) -> dict[str, Any]:
+def read_head(line: str | bytes) -> dict[str, Any]:
+    """`head_of` read back from JSON; LogError if it is not that."""
     try:
         head = json.loads(line)
         numbers = all(type(head[key]) is int and abs(head[key]) < 1 << 63 for key in ("hz", "start", "end"))
@@ -192,7 +194,7 @@ def _row(row: list[str], codes: dict[str, int], fields: int, line: int) -> tuple
     raise LogError(f"line {line}: {told(','.join(row))} is not {','.join(_FIELDS[:fields])}")
 
 
-def _trace(head: dict[str, Any], columns: dict[str, np.ndarray]) -> Trace:
+def checked_trace(head: dict[str, Any], columns: dict[str, np.ndarray]) -> Trace:
     """The trace of columns from outside, checked."""
     sizes = {len(column) for column in columns.values()}
     if len(sizes) > 1:

@@ -73,23 +73,17 @@ def log_of(source: Source, clock_hz: float | None) -> tuple[Trace, Report]:
     names = list(reading.names)
     pairs = pair(stamps.name.astype(np.int64) * 1000 + stamps.core if reading.several else stamps.name, stamps.begin)
     _report_unpaired(stamps, pairs, names, problems)
-    fine = not np.any(stamps.time % US)
-    np.floor_divide(stamps.time, US if fine else 1, out=stamps.time)
-    trace = _trace(stamps, pairs, names, 1_000_000 if fine else 1_000_000_000, reading.several)
-    counts = problems.counts()
-    report = Report(
-        source=source.title,
-        lines=reading.lines,
-        stamps=len(trace),
+    trace = trace_of(stamps, pairs, names, reading.several)
+    report = Report.of(
+        source.title,
+        len(np.unique(trace.core)) if trace.core is not None else 1,
+        problems,
+        "log",
+        reading.lines,
         comments=reading.comments,
         empty=reading.empty,
-        rejected=counts["rejected"],
-        repaired=counts["repaired"],
-        moved=tuple(moved[:MOST_TOLD].tolist()),
-        moved_lines=len(moved),
+        moved=moved,
         wraps=wraps,
-        problems=problems.by_line(),
-        cores=len(np.unique(trace.core)) if trace.core is not None else 1,
     )
     return trace, report
 
@@ -149,8 +143,12 @@ def _report_unpaired(stamps: Stamps, pairs: Pairs, names: list[str], problems: P
     tell(pairs.lost, "rejected", "left out, its partner is missing in the middle of the recording")
 
 
-def _trace(stamps: Stamps, pairs: Pairs, names: list[str], hz: int, several: bool) -> Trace:
-    """Order the events of one instant, as `read_log` says, and find the enclosing name of each begin."""
+def trace_of(stamps: Stamps, pairs: Pairs, names: list[str], several: bool) -> Trace:
+    """The trace of stamps in order of time, in microseconds if they are whole (their times are changed): the events of one
+    instant ordered as `read_log` says, the enclosing name of each begin found."""
+    fine = not np.any(stamps.time % US)
+    np.floor_divide(stamps.time, US if fine else 1, out=stamps.time)
+    hz = 1_000_000 if fine else 1_000_000_000
     start, stop = int(stamps.time[0]), int(stamps.time[-1])
     order = _order(stamps, pairs)
     other = _enclosing(stamps, pairs, order, several).astype(np.int64)

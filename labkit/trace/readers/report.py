@@ -35,11 +35,11 @@ class Problem:
 
 @dataclass(frozen=True)
 class Report:
-    """What the reader met. Every line is a stamp in the trace, rejected, a comment or empty: the four counts add up to `lines`.
+    """What the reader met. Every line is in the trace, skipped, rejected, a comment or empty: these counts add up to `lines`.
 
     Attributes:
         source: name of the file, or "text".
-        lines, stamps, comments, empty: counts of lines.
+        lines, stamps, comments, empty: counts of lines; a stamp is what is in the trace, in whatever format.
         rejected: number of lines that are not in the trace although they are neither empty nor a comment.
         repaired: number of lines that were repaired in some way, sorting apart.
         moved: numbers of the lines that came later than a stamp of a later time, and were sorted to their place, at most
@@ -48,6 +48,9 @@ class Report:
         wraps: how often the counter went around, as far as it was asked for with `clock_hz`.
         problems: what was repaired or rejected, by line; at most the first `MOST_TOLD` of each sort.
         cores: number of cores the stamps come from.
+        format: what the recording was recognised as.
+        skipped: number of events that are of no kind that is read, such as signals or interrupts.
+        notes: what else one has to know of the trace.
     """
 
     source: str
@@ -62,13 +65,57 @@ class Report:
     wraps: int
     problems: tuple[Problem, ...]
     cores: int = 1
+    format: str = "log"
+    skipped: int = 0
+    notes: tuple[str, ...] = ()
+
+    @classmethod
+    def of(
+        cls,
+        source: str,
+        cores: int,
+        problems: Problems,
+        format: str,
+        lines: int,
+        *,
+        comments: int = 0,
+        empty: int = 0,
+        skipped: int = 0,
+        moved: np.ndarray | None = None,
+        wraps: int = 0,
+        notes: Sequence[str] = (),
+    ) -> Report:
+        """The report of so many lines (or events) with these problems; `moved`: the numbers of those that were out of order."""
+        counts = problems.counts()
+        moved = np.zeros(0, np.int64) if moved is None else moved
+        return cls(
+            source=source,
+            lines=lines,
+            stamps=lines - comments - empty - skipped - counts["rejected"],
+            comments=comments,
+            empty=empty,
+            rejected=counts["rejected"],
+            repaired=counts["repaired"],
+            moved=tuple(moved[:MOST_TOLD].tolist()),
+            moved_lines=len(moved),
+            wraps=wraps,
+            problems=problems.by_line(),
+            cores=cores,
+            format=format,
+            skipped=skipped,
+            notes=tuple(notes),
+        )
 
     def __str__(self) -> str:
         return self.text()
 
     def text(self, limit: int | None = 20) -> str:
         """The report for reading; at most `limit` problems in full (None: all there are)."""
-        counts = f"{printable(self.source)}: {_count(self.lines, 'line')}, {_count(self.stamps, 'stamp')}"
+        if self.format == "log":
+            counts = f"{printable(self.source)}: {_count(self.lines, 'line')}, {_count(self.stamps, 'stamp')}"
+        else:
+            counts = f"{printable(self.source)}: {self.format}, {self.lines} lines or events, {self.stamps} of them read"
+            counts += f", {self.skipped} of other kinds" if self.skipped else ""
         counts += f", {self.rejected} rejected, {self.repaired} repaired, {_count(self.comments, 'comment')}, {self.empty} empty"
         parts = [counts if self.cores == 1 else f"{counts}, {self.cores} cores"]
         if self.moved:
@@ -76,6 +123,7 @@ class Report:
             parts.append(f"  {_count(self.moved_lines, 'line')} out of order, sorted by time: {told}")
         if self.wraps:
             parts.append(f"  the 32-bit counter wrapped {self.wraps} times, unwrapped")
+        parts += [f"  {note}" for note in self.notes]
         shown = self.problems if limit is None else self.problems[:limit]
         parts += [f"  {problem}" for problem in shown]
         if len(shown) < len(self.problems):
@@ -84,9 +132,14 @@ class Report:
 
     def as_dict(self) -> dict[str, Any]:
         """The report as plain values, ready for JSON."""
-        fields = ("source", "lines", "stamps", "rejected", "repaired", "comments", "empty", "wraps", "moved_lines", "cores")
+        counts = ("lines", "stamps", "skipped", "rejected", "repaired", "comments", "empty", "wraps", "moved_lines", "cores")
         problems = [{"line": p.line, "what": p.what, "action": p.action, "done": p.done} for p in self.problems]
-        return {**{f: getattr(self, f) for f in fields}, "moved": list(self.moved), "problems": problems}
+        return {
+            **{name: getattr(self, name) for name in ("source", "format", *counts)},
+            "moved": list(self.moved),
+            "notes": list(self.notes),
+            "problems": problems,
+        }
 
 
 @dataclass

@@ -31,17 +31,23 @@ class Source:
         self._stream = stream
         self.head: bytes | str = stream.read(BLOCK)
 
-    def blocks(self) -> Iterator[bytes | str]:
-        """All of it, block by block; LogError if it is longer than `MOST_BYTES`."""
-        size, piece = 0, self.head
+    def blocks(self, most: int | None = None) -> Iterator[bytes | str]:
+        """All of it, block by block; LogError if it is longer than `most`, or `MOST_BYTES`."""
+        size, piece, most = 0, self.head, most or MOST_BYTES
         while piece:
             size += len(piece)
-            if size > MOST_BYTES:
+            if size > most:
                 raise LogError(
-                    f"{self.title}: longer than {MOST_BYTES >> 20} MiB, the most that is read; cut the recording into pieces"
+                    f"{self.title}: longer than {most >> 20} MiB, the most that is read; cut the recording into pieces"
                 )
             yield piece
             piece = self._stream.read(BLOCK)
+
+    def beginning(self) -> list[str]:
+        """The lines of the first block, the last of which may be cut."""
+        head = self.head
+        text = head if isinstance(head, str) else head.decode(_encoding(head), "replace")
+        return text.replace("\r\n", "\n").split("\n")
 
     def lines(self) -> Iterator[list[str]]:
         """The lines in blocks, without their ends; bytes as UTF-8, or UTF-16 if they begin like it (as PowerShell redirects)."""
@@ -65,9 +71,9 @@ class Source:
         data = self.bytes()
         return data.decode(_encoding(data), "replace")
 
-    def bytes(self) -> bytes:
-        """All of it as bytes, a text as UTF-8."""
-        return b"".join(piece.encode("utf-8", "replace") if isinstance(piece, str) else piece for piece in self.blocks())
+    def bytes(self, most: int | None = None) -> bytes:
+        """All of it as bytes, a text as UTF-8; LogError if it is longer than `most`, or `MOST_BYTES`."""
+        return b"".join(piece.encode("utf-8", "replace") if isinstance(piece, str) else piece for piece in self.blocks(most))
 
 
 @contextmanager
