@@ -196,7 +196,7 @@ def test_chrome_times_are_microseconds_and_other_kinds_are_instants(tmp_path):
     assert [(e["name"], e["ts"], e["dur"]) for e in events if e["ph"] == "X"] == [("A", 0, 2), ("IDLE", 2, 2)]
     [instant] = [e for e in events if e["ph"] == "i"]
     assert (instant["name"], instant["ts"], instant["tid"]) == ("take", 1, 1)
-    assert instant["args"] == {"other": "mutex", "value": 1, "extra": 0}
+    assert instant["args"] == {"other": "mutex", "value": 1, "extra": 0, "order": [3]}
 
 
 @given(traces())

@@ -76,6 +76,7 @@ class _Events:
         self.entities: dict[str, int] = {}
         self.aliases: dict[str, dict[str, str]] = {"entityMapping": {}, "typeMapping": {}}
         self.cores: set[int] = set()
+        self.interrupts: set[int] = set()
 
     def read(self, line: str) -> None:
         self.lines += 1
@@ -117,6 +118,8 @@ class _Events:
         elif int(time) > LATEST:
             self.problems.rejected(self.lines, f"{time} is a time beyond any recording")
         else:
+            if kind != "T":
+                self.interrupts.add(self.entity(target))
             self.columns.extend((self.lines, int(time), _CODE[event], self.entity(source), self.entity(target)))
 
     def entity(self, name: str) -> int:
@@ -151,7 +154,7 @@ class _Events:
                 if event == _CODE["terminate"]:
                     switches.complete(time, core, task)
                 if event in _ENTER:
-                    switches.enter(line, time, core, task)
+                    switches.enter(line, time, core, task, target in self.interrupts)
                 else:
                     switches.leave(line, time, core, task, _LEAVE[event])
         if self.hz is None:

@@ -34,7 +34,7 @@ class _Core:
     task: int | None = None
     row: int = -1
     lost: bool = False  # events are missing since that row
-    beneath: list[int] = field(default_factory=list)  # interrupted by a task that came without a word of them
+    beneath: list[int] = field(default_factory=list)  # interrupted without a word of them
 
 
 class Switches:
@@ -69,13 +69,19 @@ class Switches:
         here.row = self._row(time, _SWITCH, after, before, priority, state, core)
         here.task, here.lost = after, False
 
-    def enter(self, line: int, time: int, core: int, task: int) -> None:
-        """A task gets a core. One that has it is taken as interrupted, and gets it back when the other leaves."""
+    def enter(self, line: int, time: int, core: int, task: int, interrupts: bool = False) -> None:
+        """A task gets a core; if it interrupts whoever has it, that one gets it back when the task leaves."""
         here = self._cores[core]
         before = NOBODY if here.task is None else here.task
-        if before not in (NOBODY, task):
-            self._problems.repaired(line, "a task gets a core that another has", "the other is taken as interrupted by it")
+        if before not in (NOBODY, task) and interrupts:
+            self._problems.repaired(line, "an interrupt gets a core that a task has", "the task is taken as preempted by it")
             here.beneath.append(before)
+        elif before != NOBODY:
+            self._problems.repaired(
+                line, "a task gets a core that one has already", "the time since the last switch counts for nobody"
+            )
+            self._forget(here)
+            here.beneath.clear()
         here.row = self._row(time, _SWITCH, task, before, 0, READY, core)
         here.task, here.lost = task, False
 
