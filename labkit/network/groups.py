@@ -19,11 +19,11 @@ degree OD, counted from the slot in which a packet is broadcast first:
 
 Why it holds. *Whatever is lost*: there is one verdict, only the access point gives it, and stations act on it in the order of the
 numbers, without a gap. So what a station delivers, from the packet with which it joined to the one with which it leaves, is
-exactly what was accepted. *As long as the assumption holds* (what is sent again in each of OD + 1 rounds gets through once: an
-offer, a packet to a station, an acknowledgement to the access point, a verdict in the broadcasts of one slot), every packet is
-accepted and nobody leaves: all hold it after OD rounds, the last acknowledgement comes OD rounds later, in time for the verdict,
-and everybody hears that in another OD rounds. More is impossible: if anything may be lost, no protocol can promise agreement of
-*all* within a bound (two generals). What can be promised is that who is not in agreement knows.
+exactly what was accepted. *As long as the assumption holds* (not lost more than OD times in a row: the exchange of poll and
+answer with a station; a packet to a station; a verdict to a station, in the broadcasts of one slot), every packet is accepted and
+nobody leaves: all hold it after OD rounds, the last acknowledgement comes OD rounds later, in time for the verdict, and everybody
+hears that in another OD rounds. More is impossible: if anything may be lost, no protocol can promise agreement of *all* within a
+bound (two generals). What can be promised is that who is not in agreement knows.
 
 `labkit.network.adversary` tries all this with every pattern of losses. The other `RULES` are what one would do without the rule.
 
@@ -257,7 +257,7 @@ class Station:
         """What it makes of a broadcast, and the packets that it delivers now, in order."""
         since = said.since[self.me]
         inside, after = self.inside and since is not None, self.next
-        if since is not None and (since > after or (not inside and since == after)):
+        if since is not None and not inside and since >= after:
             inside, after = True, since  # a new stay in the group: it begins with that packet
         at_once = self.group.rule == "at once"
         oldest = said.first if at_once else after

@@ -1,0 +1,125 @@
+"""What every way of talking in a group needs: a radio on which one speaks at a time, and the messages of all stations."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Generator, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import simpy
+
+from labkit.network.fragments import Message, Reassembly, fragments
+from labkit.network.groups import Packet
+from labkit.network.loss import Channel, Loss
+from labkit.network.radio import Radio
+from labkit.network.report import Sent
+
+Steps = Generator[simpy.Event, Any, Any]
+
+
+@dataclass(frozen=True)
+class Reciprocal:
+    """A model of loss in which both directions between two stations share one channel: a burst hits both."""
+
+    loss: Loss
+    _made: dict[tuple[int, int], Channel] = field(default_factory=dict, compare=False, repr=False)
+
+    def channel(self, sender: int, receiver: int, rng: np.random.Generator) -> Channel:
+        pair = min(sender, receiver), max(sender, receiver)
+        if pair not in self._made:
+            self._made[pair] = self.loss.channel(sender, receiver, rng)
+        return self._made[pair]
+
+
+class Hall:
+    """A radio on which one speaks at a time: who says something learns who has heard it. The access point is the last number."""
+
+    def __init__(self, stations: int, radio: Radio):
+        self.radio, self.access_point = radio, stations
+        self._heard: set[int] = set()
+        for station in range(stations + 1):
+            radio.attach(station, self._ear(station))
+
+    @property
+    def now(self) -> int:
+        """The time in ns."""
+        return int(self.radio.env.now)
+
+    def _ear(self, station: int) -> Callable[[Any, int], None]:
+        return lambda message, sender: self._heard.add(station)
+
+    def say(self, sender: int, size: int) -> Generator[simpy.Event, Any, set[int]]:
+        """Send so many bytes and wait until everybody has heard them who will; returns who."""
+        self._heard = set()
+        end = self.radio.send(sender, None, size) + self.radio.delay_ns + self.radio.jitter_ns
+        yield self.radio.env.timeout(
+            end - self.radio.env.now
+        )  # made after the receptions of that instant, so it comes after them
+        return self._heard
+
+    def ask(self, station: int, poll: int, answer: int) -> Generator[simpy.Event, Any, bool]:
+        """Poll a station and wait for its answer, so many bytes each; whether the answer arrives."""
+        if station not in (yield from self.say(self.access_point, poll)):
+            return False
+        return self.access_point in (yield from self.say(station, answer))
+
+
+@dataclass
+class Talk:
+    """The messages of all stations, and what becomes of them. A station has one message at a time.
+
+    Attributes:
+        size: of a message in bytes. last_slot: the first one in which no message begins any more.
+        late, silent: station -> slot from which on it is switched on, or off.
+        sent: all messages. out_of_order: deliveries of something that stands before what the station has delivered already.
+    """
+
+    stations: int
+    size: int
+    last_slot: int
+    late: Mapping[int, int]
+    silent: Mapping[int, int]
+    sent: list[Sent] = field(default_factory=list)
+    out_of_order: int = 0
+
+    def __post_init__(self) -> None:
+        self._of: list[list[Sent]] = [[] for _ in range(self.stations)]
+        self._rest: list[deque[bytes]] = [deque() for _ in range(self.stations)]
+        self._desks = [[Reassembly() for _ in range(self.stations)] for _ in range(self.stations)]
+        self._last = [-1] * self.stations
+
+    def on(self, station: int, slot: int) -> bool:
+        """Whether the station is switched on."""
+        return self.late.get(station, 0) <= slot < self.silent.get(station, slot + 1)
+
+    def idle(self) -> bool:
+        """Whether nobody has anything left to send."""
+        return not any(self._rest)
+
+    def next_packet(self, station: int, slot: int, now: int) -> bytes | None:
+        """What the station sends next, in its slot: the rest of its message, else the begin of a new one."""
+        rest = self._rest[station]
+        if not rest and slot < self.last_slot:
+            mine = self._of[station]
+            mine.append(Sent(station, len(mine), now))
+            self.sent.append(mine[-1])
+            rest.extend(fragments(Message(len(mine) - 1, now, bytes(self.size))))
+        return rest.popleft() if rest else None
+
+    def give_up(self, station: int) -> None:
+        """The station does not send the rest of its message."""
+        self._rest[station].clear()
+
+    def taken(self, source: int, order: int) -> None:
+        """A packet of this source has got its place in the common order."""
+        self._of[source][-1].orders.append(order)
+
+    def deliver(self, station: int, packet: Packet, now: int) -> None:
+        """A station takes a packet over; if that completes its message, the message is delivered."""
+        self.out_of_order += packet.order < self._last[station]
+        self._last[station] = max(self._last[station], packet.order)
+        message = self._desks[station][packet.source].add(packet.load)
+        if message is not None:
+            self._of[packet.source][message.number].delivered[station] = now
