@@ -4,8 +4,9 @@ Anytime, as in `edges`. At once every group that is as small as the ball is take
 by group it is fitted and kept or dropped: with the known radius, or, if that does not fit, with a free one. At last the larger
 groups are searched window by window, for a ball that touches something else.
 
-What is accepted: the points are off the circle by at most `Settings.arc` in the mean, the circle fits clearly better than a line,
-and it bulges towards the scanner. These three rules are ours; source 2 names the format and the split into two parts.
+What is accepted: the points are off the circle by at most `Settings.arc` in the mean, the circle fits clearly better than a line
+and than the two lines of a robot's corner, and it bulges towards the scanner. These rules are ours; source 2 names the format and
+the split into two parts.
 """
 
 from __future__ import annotations
@@ -20,9 +21,9 @@ from labkit.fusion.laser.formats import NO_ARCS, Arcs, Points
 from labkit.fusion.laser.settings import VISIT_NS, Settings
 
 LEAST = 4  # points of an arc with a known radius
-LEAST_FREE = 6  # of one without
+LEAST_FREE = LEAST_HIDDEN = 8  # of one without, and of one that is part of a larger group: enough to tell it from a corner
 FREE_RADII = 0.04, 0.40  # m
-CURVED = 0.6  # a circle's error is at most this share of a line's
+CURVED, ROUND = 0.6, 0.9  # a circle's error is at most this share of a line's, and of that of the two lines of a corner
 FIT_VISITS = 12  # visits to a point by one fit: its rounds and the two errors
 Found = tuple[np.ndarray, float, np.ndarray]  # centre, radius, indices of the points
 
@@ -41,8 +42,11 @@ def search_arcs(points: Points, settings: Settings | None = None) -> Iterator[tu
 
     for group, width in zip(every, wide, strict=True):
         if width <= 2.2 * FREE_RADII[1]:
-            visits = FIT_VISITS * len(group)
-            kept = _with_known_radius(xy, away, group, settings)
+            visits, kept = 0, None
+            for part in (group, group[1:], group[:-1], group[1:-1]):  # a mixed pixel is at an end
+                if kept is None and len(part) >= LEAST:
+                    visits += FIT_VISITS * len(part)
+                    kept = _with_known_radius(xy, away, part, settings)
             if kept is None and len(group) >= LEAST_FREE:
                 visits += FIT_VISITS * len(group)
                 kept = _with_free_radius(xy, away, group, settings)
@@ -73,6 +77,19 @@ def _off_line(xy: np.ndarray) -> np.ndarray:
     return np.sqrt(np.maximum((a + d) / 2 - np.sqrt((a - d) ** 2 / 4 + b**2), 0))
 
 
+def _bearable(xy: np.ndarray, most: float) -> np.ndarray:
+    """The largest error of a circle with which points (..., n, 2) are rather round than straight or a corner, `most` at most.
+
+    A corner is the best two lines that share the points between them, if there are enough to tell.
+    """
+    bearable, count = np.minimum(most, CURVED * _off_line(xy)), xy.shape[-2]
+    if count >= LEAST_HIDDEN:
+        for n in range(3, count - 2):
+            two = (n * _off_line(xy[..., :n, :]) ** 2 + (count - n) * _off_line(xy[..., n:, :]) ** 2) / count
+            bearable = np.minimum(bearable, ROUND * np.sqrt(two))
+    return bearable
+
+
 def _with_known_radius(xy: np.ndarray, away: np.ndarray, group: np.ndarray, settings: Settings) -> Found | None:
     p, mean = xy[group], xy[group].mean(axis=0)
     outward = away[group].mean(axis=0)
@@ -80,7 +97,7 @@ def _with_known_radius(xy: np.ndarray, away: np.ndarray, group: np.ndarray, sett
     error = off_circle(p, centre, settings.ball)
     several = np.hypot(*outward) < 0.9  # seen from several sides: the middle of the points is no sign of the bulge
     bulges = several or (centre - mean) @ outward > 0
-    return (centre, settings.ball, group) if error <= min(settings.arc, CURVED * _off_line(p)) and bulges else None
+    return (centre, settings.ball, group) if error <= _bearable(p, settings.arc) and bulges else None
 
 
 def _with_free_radius(xy: np.ndarray, away: np.ndarray, group: np.ndarray, settings: Settings) -> Found | None:
@@ -90,7 +107,7 @@ def _with_free_radius(xy: np.ndarray, away: np.ndarray, group: np.ndarray, setti
         return None
     error = off_circle(p, centre, radius)
     bulges = (centre - mean) @ away[group].mean(axis=0) > 0
-    return (centre, float(radius), group) if error <= min(settings.arc, CURVED / 2 * _off_line(p)) and bulges else None
+    return (centre, float(radius), group) if error <= _bearable(p, settings.arc) and bulges else None
 
 
 def _in_windows(points: Points, away: np.ndarray, group: np.ndarray, settings: Settings) -> Iterator[tuple[int, list[Found]]]:
@@ -102,9 +119,9 @@ def _in_windows(points: Points, away: np.ndarray, group: np.ndarray, settings: S
     seen_from = points.viewpoints[points.origin[group]]
     distance = np.hypot(*(xy[group] - seen_from).T)
     half = np.arcsin(np.minimum(radius / np.maximum(distance + radius, 1e-6), 1))
-    widths = np.clip(np.rint(2 * half / max(points.step, 1e-6)), LEAST, 200).astype(int) * len(points.viewpoints)
+    widths = np.minimum(np.rint(2 * half / max(points.step, 1e-6)), 200).astype(int) * len(points.viewpoints)
     candidates: list[tuple[float, np.ndarray, np.ndarray]] = []
-    for width in np.unique(widths).tolist():
+    for width in np.unique(widths[widths >= LEAST_HIDDEN]).tolist():
         start = np.flatnonzero(widths == width)
         start = start[start + width <= len(group)]
         if not len(start):
@@ -121,7 +138,7 @@ def _in_windows(points: Points, away: np.ndarray, group: np.ndarray, settings: S
             p, rows = p[fits], rows[fits]
             centre = known_radius(p, radius, p.mean(axis=1) + 0.7 * radius * away[rows].mean(axis=1))
             error = off_circle(p, centre, radius)
-            good = error <= np.minimum(settings.arc, CURVED * _off_line(p))
+            good = error <= _bearable(p, settings.arc)
             candidates += zip(error[good].tolist(), centre[good], rows[good], strict=True)
             visits += FIT_VISITS * p.shape[0] * width
         yield visits, _apart(candidates, radius)

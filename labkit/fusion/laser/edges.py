@@ -20,6 +20,7 @@ from labkit.fusion.laser.settings import VISIT_NS, Settings
 STEEPEST = np.deg2rad(10.0)  # a surface seen at a smaller angle than this may fall apart
 LEAST = 3  # points of an edge
 SMALL = 1.0  # m: what is not larger is gone around, what is larger surrounds the scanners
+ENDS_APART = 5  # from so many points on, a line is fitted without the two at its ends: they may lie on the neighbour's line
 CORNER = np.sin(np.deg2rad(15.0))  # edges that meet at a smaller angle have no corner
 
 
@@ -153,7 +154,7 @@ def _fitted(p: np.ndarray, pieces: list[tuple[int, int]]) -> Edges:
     """Every piece as its best line, and neighbours that share a point meet where their lines do."""
     if not pieces:
         return NO_EDGES
-    lines = [_line(p[i : k + 1]) for i, k in pieces]
+    lines = [_line(p[i + 1 : k] if k - i >= ENDS_APART else p[i : k + 1]) for i, k in pieces]
     ends = np.array(
         [
             [m + along * (along @ (p[i] - m)), m + along * (along @ (p[k] - m))]

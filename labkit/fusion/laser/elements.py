@@ -1,9 +1,9 @@
 """The element filter: objects that are known. A disc of the ball's size is a ball; a polygon with a long edge is the border; one
 that fits into a robot's square is a robot.
 
-Anytime, as in `edges`: at once every object that has the size of an element is one, where its middle is; then object by object
-the hidden side is taken into account. Of a robot one or two sides are seen, and its centre is half a side behind them; of a
-border every long edge is an element of its own.
+Anytime, as in `edges`: at once every object that has the size of an element is one, where its middle is; then object by object,
+the borders first, the hidden side is taken into account. Of a robot one or two sides are seen, and its centre is half a side
+behind them. Of a border every long edge is an element of its own, and so is what lies in line with one: a shadow has cut it off.
 
 The confidence of a ball or robot grows with the n points that support it, as n / (n + 4); of a robot it is multiplied with the
 share of a side that was seen; of a border it grows with its length up to twice the shortest. A choice of ours: source 2 prints
@@ -20,7 +20,7 @@ from labkit.fusion.laser.formats import Disc, Element, Elements, Objects, Polygo
 from labkit.fusion.laser.settings import VISIT_NS, Settings
 
 BALL_OFF = 0.03  # m by which a disc's radius may differ from the ball's
-SMALLEST = 0.4  # of a robot's side: what shows less of it is not told from clutter
+SMALLEST, LARGEST = 0.4, 1.15  # of a robot's side, for what is seen of one
 ALONG = 0.05  # weight of where a side's middle is against where its line is: its ends may be hidden
 
 
@@ -34,10 +34,17 @@ def element_filter(objects: Objects, settings: Settings | None = None) -> Iterat
         return Elements(objects.station, objects.time_ns, tuple(element for part in parts for element in part))
 
     yield max(1, len(parts)) * VISIT_NS, made()
-    for i, polygon in enumerate(objects.polygons, start=len(objects.discs)):
-        if parts[i]:
-            parts[i] = _walls(polygon, settings) if parts[i][0].kind == "border" else _robot(polygon, settings)
+    known = [(i, polygon) for i, polygon in enumerate(objects.polygons, start=len(objects.discs)) if parts[i]]
+    walls: list[Element] = []
+    for i, polygon in known:
+        if parts[i][0].kind == "border":
+            parts[i] = _walls(polygon, settings)
+            walls += parts[i]
             yield 4 * len(polygon.corners) * VISIT_NS, made()
+    for i, polygon in known:
+        if parts[i][0].kind == "robot":
+            parts[i] = _piece_of(walls, polygon, settings) or _robot(polygon, settings)
+            yield (len(walls) + 4) * len(polygon.corners) * VISIT_NS, made()
 
 
 def _sides(polygon: Polygon) -> np.ndarray:
@@ -62,7 +69,7 @@ def _rough(thing: Disc | Polygon, settings: Settings) -> Element | None:
     if longest >= settings.border:
         return Element("border", x, y, longest, _sure_of_wall(longest, settings))
     extent = float(np.hypot(*np.ptp(thing.corners, axis=0)))
-    if SMALLEST * settings.robot <= extent <= 1.15 * np.sqrt(2) * settings.robot:
+    if SMALLEST * settings.robot <= extent <= LARGEST * np.sqrt(2) * settings.robot:
         return Element("robot", x, y, settings.robot, _supported(thing.points))
     return None
 
@@ -71,16 +78,26 @@ def _sure_of_wall(length: float, settings: Settings) -> float:
     return min(1.0, length / (2 * settings.border))
 
 
+def _wall(side: np.ndarray, settings: Settings) -> Element:
+    (ax, ay), (bx, by) = side.tolist()
+    length = float(np.hypot(bx - ax, by - ay))
+    heading = float(np.arctan2(by - ay, bx - ax))
+    return Element("border", (ax + bx) / 2, (ay + by) / 2, length, _sure_of_wall(length, settings), heading)
+
+
 def _walls(polygon: Polygon, settings: Settings) -> list[Element]:
     """Every edge that is long enough."""
-    found = []
-    for a, b in _sides(polygon):
-        length = float(np.hypot(*(b - a)))
-        if length >= settings.border:
-            x, y = ((a + b) / 2).tolist()
-            heading = float(np.arctan2(b[1] - a[1], b[0] - a[0]))
-            found.append(Element("border", x, y, length, _sure_of_wall(length, settings), heading))
-    return found
+    return [wall for side in _sides(polygon) if (wall := _wall(side, settings)).size >= settings.border]
+
+
+def _piece_of(walls: list[Element], polygon: Polygon, settings: Settings) -> list[Element]:
+    """The polygon as a border, if all of it lies in line with one of the walls."""
+    for wall in walls:
+        x, y = polygon.corners.T
+        off = np.cos(wall.heading) * (y - wall.y) - np.sin(wall.heading) * (x - wall.x)
+        if np.abs(off).max() <= settings.gap:
+            return [_wall(polygon.corners[[0, -1]], settings)]
+    return []
 
 
 def _robot(polygon: Polygon, settings: Settings) -> list[Element]:
@@ -89,7 +106,7 @@ def _robot(polygon: Polygon, settings: Settings) -> list[Element]:
     along = sides[:, 1] - sides[:, 0]
     length = np.hypot(*along.T)
     sides, along, length = sides[length > 0], along[length > 0], length[length > 0]
-    if not len(length) or length.max() < SMALLEST * settings.robot:
+    if not len(length) or not SMALLEST <= length.max() / settings.robot <= LARGEST:
         return []
     u = along / length[:, None]
     right = np.stack([u[:, 1], -u[:, 0]], axis=1)

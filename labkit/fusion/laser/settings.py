@@ -27,7 +27,7 @@ class Settings:
 
     gap: float = 0.05
     split: float = 0.03
-    arc: float = 0.012
+    arc: float = 0.016
     join: float = 0.12
     ball: float = BALL_RADIUS
     robot: float = ROBOT_SIDE
