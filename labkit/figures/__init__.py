@@ -2,6 +2,7 @@
 
 from labkit.figures.cache_map import cache_map
 from labkit.figures.comparison import Bar, Factor, Pair, dumbbells, factors, stacked
+from labkit.figures.cursor import cursor, happening
 from labkit.figures.curves import Curve, curves
 from labkit.figures.gantt import gantt
 from labkit.figures.history import History
@@ -11,7 +12,24 @@ from labkit.figures.margins import Response, reserve, responses
 from labkit.figures.panel import Panel, stack
 from labkit.figures.phases import activity_stack, periods_gantt, plan, verdict_grid
 from labkit.figures.steps import Marks, Steps, priorities, steps
-from labkit.figures.style import BLUE, FONT, GREEN, GREY, INK, ORANGE, PALE, PURPLE, SKY, VERMILION, YELLOW, axis, colours, key
+from labkit.figures.style import (
+    BLUE,
+    FONT,
+    GREEN,
+    GREY,
+    INK,
+    ORANGE,
+    PALE,
+    PALETTE,
+    PURPLE,
+    SKY,
+    VERMILION,
+    YELLOW,
+    axis,
+    colours,
+    held,
+    key,
+)
 from labkit.figures.tracks import Dots, Way, ellipse, tracks
 
 __all__ = [
@@ -22,6 +40,7 @@ __all__ = [
     "INK",
     "ORANGE",
     "PALE",
+    "PALETTE",
     "PURPLE",
     "SKY",
     "VERMILION",
@@ -46,11 +65,14 @@ __all__ = [
     "axis",
     "cache_map",
     "colours",
+    "cursor",
     "curves",
     "dumbbells",
     "ellipse",
     "factors",
     "gantt",
+    "happening",
+    "held",
     "interleaving",
     "key",
     "lanes",

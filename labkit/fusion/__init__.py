@@ -2,8 +2,10 @@
 
 from labkit.fusion.association import GATE, GlobalNearest, JointCompatible, NearestFirst, Pairs, Rule, gate_squared, pairs
 from labkit.fusion.consistency import Kind as FilterKind
-from labkit.fusion.consistency import claimed_and_real, expected_nees
+from labkit.fusion.consistency import claimed_and_real, expected_nees, sampled_errors
+from labkit.fusion.crossing import FIELD, Crossing
 from labkit.fusion.filters import Filter, Forecast, MatrixFilter, PlaneFilter, SourceFilter, start
+from labkit.fusion.gates import Gated, gated
 from labkit.fusion.joining import fuse_elements, fuse_points
 from labkit.fusion.judging import Gospa, consistency_band, gospa, normalised_squares, ospa, rmse, switches
 from labkit.fusion.kalman import (
@@ -77,6 +79,7 @@ __all__ = [
     "COLUMNS",
     "COURSES",
     "ESTIMATE",
+    "FIELD",
     "GATE",
     "MOTIONS",
     "NO_ARCS",
@@ -90,6 +93,7 @@ __all__ = [
     "Circle",
     "Contours",
     "Course",
+    "Crossing",
     "Disc",
     "Edges",
     "Element",
@@ -97,6 +101,7 @@ __all__ = [
     "Filter",
     "FilterKind",
     "Forecast",
+    "Gated",
     "GlobalNearest",
     "Gospa",
     "JointCompatible",
@@ -147,6 +152,7 @@ __all__ = [
     "fuse_elements",
     "fuse_points",
     "gate_squared",
+    "gated",
     "gospa",
     "groups",
     "kasa",
@@ -165,6 +171,7 @@ __all__ = [
     "rmse",
     "robot",
     "run_chain",
+    "sampled_errors",
     "scan",
     "search_arcs",
     "seen_bodies",

@@ -33,6 +33,17 @@ def gain(kind: Kind, P: np.ndarray, before: np.ndarray, dt: float, sigma: float)
     return K[:, 1:], (np.eye(2) - K @ H) @ P  # the innovation of the first half is zero, whatever its gain
 
 
+def gains(kind: Kind, q: float, steps: int, dt: float, sigma: float) -> tuple[np.ndarray, np.ndarray]:
+    """Gains (steps, 2, 1) and claimed covariances (steps + 1, 2, 2) from the first measurement on: no data change them."""
+    A, Q = transition("cv", dt), process_noise("cv", q, dt)
+    found, claimed = [], [np.diag([sigma**2, UNKNOWN])]
+    for _ in range(steps):
+        K, P = gain(kind, A @ claimed[-1] @ A.T + Q, claimed[-1], dt, sigma)
+        found.append(K)
+        claimed.append(P)
+    return np.array(found), np.array(claimed)
+
+
 def claimed_and_real(
     kind: Kind, q: float, steps: int, *, dt: float = 0.165, sigma: float = 0.03, motion: float | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -42,19 +53,37 @@ def claimed_and_real(
         q: white noise that the filter assumes, m^2/s^3. motion: white noise of the real motion; None: the same.
         dt: s between measurements. sigma: of a measurement, in m.
     """
-    A, unit = transition("cv", dt), process_noise("cv", 1.0, dt)
-    P = E = np.diag([sigma**2, UNKNOWN])
-    claimed, real = [P], [E]
-    for _ in range(steps):
-        K, after = gain(kind, A @ P @ A.T + q * unit, P, dt, sigma)
+    A, Q = transition("cv", dt), process_noise("cv", q if motion is None else motion, dt)
+    found, claimed = gains(kind, q, steps, dt, sigma)
+    real = [claimed[0]]
+    for K in found:
         keep = np.eye(2) - K @ _POSITION
-        E = keep @ (A @ E @ A.T + (q if motion is None else motion) * unit) @ keep.T + K @ K.T * sigma**2
-        P = after
-        claimed.append(P)
-        real.append(E)
-    return np.array(claimed), np.array(real)
+        real.append(keep @ (A @ real[-1] @ A.T + Q) @ keep.T + K @ K.T * sigma**2)
+    return claimed, np.array(real)
 
 
 def expected_nees(claimed: np.ndarray, real: np.ndarray) -> np.ndarray:
     """The mean NEES of both axes together: 2 tr(P^-1 E), which is 4 for a consistent filter."""
     return 2 * np.trace(np.linalg.solve(claimed, real), axis1=-2, axis2=-1)
+
+
+def sampled_errors(
+    kind: Kind, q: float, steps: int, runs: int, seed: int, *, dt: float = 0.165, sigma: float = 0.03, motion: float | None = None
+) -> np.ndarray:
+    """Real errors of position and velocity of so many runs, complex for both axes, shape (steps + 1, runs, 2)."""
+    A, Q = transition("cv", dt), process_noise("cv", q if motion is None else motion, dt)
+    found, _ = gains(kind, q, steps, dt, sigma)
+    rng = np.random.default_rng(seed)
+    noise = sigma * _both(rng, (steps + 1, runs))
+    pushes = _both(rng, (steps, runs, 2)) @ np.linalg.cholesky(Q + 1e-30 * np.eye(2)).T
+    errors = [np.stack([noise[0], -np.sqrt(UNKNOWN) * _both(rng, (runs,))], axis=-1)]
+    for K, push, n in zip(found, pushes, noise[1:]):
+        ahead = errors[-1] @ A.T - push
+        errors.append(ahead + (n[:, None] - ahead[:, :1]) * K[:, 0])
+    return np.array(errors)
+
+
+def _both(rng: np.random.Generator, shape: tuple[int, ...]) -> np.ndarray:
+    """Normal numbers for both axes."""
+    pair = rng.normal(size=(2, *shape))
+    return pair[0] + 1j * pair[1]

@@ -76,7 +76,7 @@ class Tracker:
         self.ended: list[Track] = []
         self.predictions = 0
         self._begin = begin
-        self._look = 0
+        self._look = self._started = 0
         self._time = -np.inf
 
     def confirmed(self, track: Track) -> bool:
@@ -133,7 +133,8 @@ class Tracker:
             allowed = self.rule.allowed(found, [self._time - track.filter.time for track in served])[:, 0]
             if allowed.any():
                 return served[int(np.argmin(np.where(allowed, found.cost[:, 0], np.inf)))]
-        track = Track(1 + len(self.tracks) + len(self.ended), self._begin(measurement), [], deque(maxlen=self.drop))
+        self._started += 1
+        track = Track(self._started, self._begin(measurement), [], deque(maxlen=self.drop))
         served.append(track)
         return track
 

@@ -177,7 +177,8 @@ def truth_of(found, seen) -> list[tuple[int, int]]:
 def test_every_object_has_one_track_that_never_changes(rule, staggered, objects):
     seen = world(objects, staggered=staggered)
     found = track([m for _, m in seen], "cv", 0.1, rule)
-    assert len(found.tracks) == objects and found.unused == 0
+    assert [t.number for t in found.tracks] == list(range(1, objects + 1)) and found.unused == 0
+    assert {row[1] for row in found.rows()} == set(range(1, objects + 1))
     assert switches(truth_of(found, seen)) == 0
 
 
