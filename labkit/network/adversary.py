@@ -222,8 +222,10 @@ class _Search:
         if said.packet is not None and all(said.packet.order != packet.order for packet in station.held):
             items.append(("packet", said.packet.order))
         charged = self._charged(side, items, got)
-        if charged is None or not got:
-            return charged and (charged, False)
+        if charged is None:
+            return None
+        if not got:
+            return charged, False
         after, news = station.receive(said)
         begun, stays = side.begun, side.stays
         if station.inside and not after.inside:

@@ -25,7 +25,7 @@ nobody leaves: all hold it after OD rounds, the last acknowledgement comes OD ro
 hears that in another OD rounds. More is impossible: if anything may be lost, no protocol can promise agreement of *all* within a
 bound (two generals). What can be promised is that who is not in agreement knows.
 
-`labkit.network.adversary` tries all this with every pattern of losses. The other `RULES` are what one would do without the rule.
+`labkit.network.adversary` tries all this with every pattern of losses. The other `DELIVERIES` are what one would do without the rule.
 
 Source 2, section 6.1.3 (the outline); M. Mock, E. Nett, S. Schemmer, EDCC-3 (1999) and IEEE Trans. Computers 52(2) 2003 (the idea
 that decisions travel redundantly). Bounds and the way back into the group are this model's. Left out: a failure of the access
@@ -40,8 +40,8 @@ from typing import Literal
 
 from labkit.checks import whole
 
-Rule = Literal["agreed", "at once", "silence is no", "silence is yes"]
-RULES: dict[Rule, str] = {
+Delivery = Literal["agreed", "at once", "silence is no", "silence is yes"]
+DELIVERIES: dict[Delivery, str] = {
     "agreed": "on the verdict; who cannot know it leaves",
     "at once": "as soon as it is there",
     "silence is no": "on the verdict; unknown means rejected",
@@ -53,17 +53,17 @@ MOST_DEGREE = 32
 
 @dataclass(frozen=True)
 class Group:
-    """The constants that all know. ValueError for fewer than 2 stations, a degree below 1, or a rule that does not exist."""
+    """The constants that all know. ValueError for fewer than 2 stations, a degree below 1, or a delivery that does not exist."""
 
     stations: int
     omission_degree: int
-    rule: Rule = "agreed"
+    delivery: Delivery = "agreed"
 
     def __post_init__(self) -> None:
         whole(self.stations, 2, "the number of stations", MOST_STATIONS)
         whole(self.omission_degree, 1, "the omission degree", MOST_DEGREE)
-        if self.rule not in RULES:
-            raise ValueError(f"there is no rule {self.rule!r}; there are {', '.join(RULES)}")
+        if self.delivery not in DELIVERIES:
+            raise ValueError(f"there is no delivery {self.delivery!r}; there are {', '.join(DELIVERIES)}")
 
     @property
     def offered(self) -> int:
@@ -84,6 +84,14 @@ class Group:
     def bound_rounds(self) -> int:
         """Rounds from the begin of the slot in which a packet is offered first, until it is delivered or never will be."""
         return 4 * self.omission_degree + 1
+
+
+def reaches_all(loss: float, omission_degree: int, receivers: int) -> float:
+    """How likely a packet that is sent OD + 1 times reaches all receivers, if each of them loses each time with the same chance.
+
+    (1 - p^(OD+1))^m: how far the assumption of an omission degree carries, for this part of it, on a channel without memory.
+    """
+    return float((1 - loss ** (omission_degree + 1)) ** receivers)
 
 
 @dataclass(frozen=True, slots=True)
@@ -235,7 +243,7 @@ class Station:
         me: its number, which is that of its slot in a round.
         inside: whether it belongs to the group, as far as it knows.
         next: order of the packet that it will deliver or drop next.
-        held: packets that it has and that are not delivered or dropped yet; with the rule "at once" those it has delivered.
+        held: packets that it has and that are not delivered or dropped yet; with the delivery "at once" those it has delivered.
         offer: what it wants to send or has sent, until it knows what has become of that.
     """
 
@@ -259,7 +267,7 @@ class Station:
         inside, after = self.inside and since is not None, self.next
         if since is not None and not inside and since >= after:
             inside, after = True, since  # a new stay in the group: it begins with that packet
-        at_once = self.group.rule == "at once"
+        at_once = self.group.delivery == "at once"
         oldest = said.first if at_once else after
         known = {packet.order: packet for packet in self.held if packet.order >= oldest} if inside else {}
         new = tuple(self._news(said, after, known)) if inside else ()
@@ -271,7 +279,7 @@ class Station:
             if after >= said.first and verdict is None:
                 break
             packet = known.pop(after, None)
-            if self.group.rule == "agreed" and (verdict is None or (verdict and packet is None)):
+            if self.group.delivery == "agreed" and (verdict is None or (verdict and packet is None)):
                 inside, known = False, {}
                 break
             if verdict and packet is not None:
@@ -281,15 +289,15 @@ class Station:
 
     def wait(self) -> tuple[Station, tuple[Packet, ...]]:
         """What it concludes, by its own clock, from having heard nothing for a packet's life; and what it delivers then."""
-        if self.group.rule == "agreed":
+        if self.group.delivery == "agreed":
             return replace(self, inside=False, held=()), ()
-        if self.group.rule == "silence is yes":
+        if self.group.delivery == "silence is yes":
             return replace(self, held=()), tuple(packet for packet in self.held if packet.order >= self.next)
         return self, ()
 
     def _guess(self) -> bool | None:
         """What it believes of a verdict that is no longer told."""
-        return {"silence is no": False, "silence is yes": True}.get(self.group.rule)
+        return {"silence is no": False, "silence is yes": True}.get(self.group.delivery)
 
     def _news(self, said: Broadcast, least: int, known: dict[int, Packet]) -> Iterator[Packet]:
         """Take over into `known` what it did not hold: the packet that is broadcast, or its own, once it knows its order."""

@@ -26,7 +26,7 @@ from labkit.network.fragments import HEADER, MOST_BYTES, fragment_count
 from labkit.network.groups import AccessPoint, Group, Offer, Packet, Station
 from labkit.network.loss import Independent, Loss
 from labkit.network.radio import Radio
-from labkit.network.report import Report
+from labkit.network.report import Conversation
 from labkit.network.talk import Hall, Reciprocal, Steps, Talk
 
 Way = Literal["plain", "acknowledged", "at once", "agreed"]
@@ -54,7 +54,7 @@ def converse(
     seed: int = 0,
     late: Mapping[int, int] | None = None,
     silent: Mapping[int, int] | None = None,
-) -> Report:
+) -> Conversation:
     """Let stations talk for some rounds, and go on until the last message is through.
 
     Args:
@@ -97,7 +97,7 @@ def converse(
         message.on = frozenset(i for i in range(stations) if talk.on(i, slot) and talk.on(i, end))
         message.owed = message.on if len(message.orders) < count else message.on & polls.owed(message.orders)
     bound = polls.bound_ns(count, slot_ns)
-    return Report(tuple(talk.sent), talk.out_of_order, polls.left, slot_ns * stations, bound, *spent, radio.counts.sent)
+    return Conversation(tuple(talk.sent), talk.out_of_order, polls.left, slot_ns * stations, bound, *spent, radio.counts.sent)
 
 
 def overhead(group: Group) -> tuple[int, int]:
@@ -180,8 +180,8 @@ class _Group:
                 self._became(i, None, *station.wait())
 
     def owed(self, orders: list[int]) -> frozenset[int]:
-        """The stations that were in the group for all packets of these orders; all of them if there is no rule."""
-        if self.group.rule == "at once":
+        """The stations that were in the group for all packets of these orders; all of them if there is no verdict."""
+        if self.group.delivery == "at once":
             return frozenset(range(self.group.stations))
         first, last = min(orders), max(orders)
         return frozenset(i for i, stays in enumerate(self.stays) if any(a <= first and last < b for a, b in stays))

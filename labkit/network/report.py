@@ -27,7 +27,7 @@ class Sent:
 
 
 @dataclass(frozen=True)
-class Report:
+class Conversation:
     """What a run of one protocol did.
 
     Attributes:
