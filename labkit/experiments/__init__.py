@@ -47,6 +47,10 @@ MODULES: dict[str, str] = {
     "PhaseWindows": "taft_phases",
     "SixDesigns": "taft_phases",
     "Timeliness": "taft_phases",
+    "CoherentStretches": "global_time_starts",
+    "ClockSync": "global_time",
+    "PeriodStarts": "global_time_starts",
+    "TimestampDrift": "global_time_drift",
 }
 
 
@@ -89,6 +93,12 @@ EXERCISES: dict[str, str] = {
     "check_period": "taft_phases",
     "check_few_aborts": "taft_phases",
     "check_chain": "taft_phases",
+    "check_interval": "global_time",
+    "check_bound_broken": "global_time",
+    "check_stretch": "global_time_starts",
+    "check_reserve": "global_time_starts",
+    "check_in_phase": "global_time_starts",
+    "check_read_error": "global_time_drift",
     "agent": "dma_session",
     "CREATE_CLIENT": "dma_session",
 }

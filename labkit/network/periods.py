@@ -42,7 +42,7 @@ from labkit.network.clocks import MOST_PPM, PPB, S
 from labkit.trace import CODE, Trace
 
 Correction = Literal["none", "differences", "absolute"]
-CORRECTIONS: dict[str, str] = {"none": "none", "differences": "by differences (5.5)", "absolute": "by absolute phase"}
+CORRECTIONS: dict[Correction, str] = {"none": "none", "differences": "by differences (5.5)", "absolute": "by absolute phase"}
 
 
 @dataclass(frozen=True)
@@ -170,30 +170,35 @@ def period_starts(
         )
     if np.abs(ppb).max(initial=0) > MOST_PPM * 1000:
         raise ValueError(f"a local clock is off by {np.abs(ppb).max() / 1000} ppm; at most {MOST_PPM} is allowed")
-    never, absolute = np.array(kinds) == "none", np.array(kinds) == "absolute"
-    nothing = np.zeros(errors.shape, bool)
-    unread, lost = nothing if unread is None else unread, nothing if lost is None else lost
-    period, reserve = plan.period_ns, plan.reserve_ns
+    period, reserve, half = plan.period_ns, plan.reserve_ns, plan.period_ns // 2
+    if (len(errors) + 2) * period * max(1, int(np.abs(ppb).max(initial=0))) >= 1 << 62:
+        raise ValueError(f"{len(errors)} periods of {period} ns are too long for whole numbers of 64 bits; fewer are allowed")
+    absolute = np.array([kind == "absolute" for kind in kinds])
+    runs = np.broadcast_to(np.array([kind != "none" for kind in kinds]), errors.shape) & ~_mask(unread, errors)
+    makes = ~_mask(lost, errors)
+    always, first = bool(np.all(runs == runs[0])), set(np.argmax(runs, axis=0).tolist())
 
     local = np.empty((len(errors) + 1, len(ppb)), np.int64)
     wanted, shifted = np.zeros((2, *errors.shape), np.int64)
     start = local[0] = period + np.broadcast_to(initial_ns, ppb.shape)  # (5.3) at 0, a multiple: one period ahead
-    ahead = np.zeros(len(ppb), np.int64)  # local minus global clock in the last pair
-    paired = np.zeros(len(ppb), bool)
+    ahead = np.zeros(len(ppb), np.int64)  # l - g of the last pair that was read
     for i in range(len(errors)):
-        now = start + period - reserve
-        read = ~(unread[i] | never)
-        gap = now - _true(now, ppb) - errors[i]  # l_i - g_i
-        due = centred(now - gap + reserve, period)  # how late the next start would come, as far as one knows
-        found = np.where(absolute, -due, np.where(paired, gap - ahead, 0))
-        wanted[i] = np.where(read, found, 0)
-        shifted[i] = np.where(lost[i], 0, np.maximum(wanted[i], -plan.shift_ns))
-        ahead, paired = np.where(read, gap, ahead), paired | read
+        now = start + (period - reserve)
+        gap = _gained(now, ppb) - errors[i]  # l_i - g_i
+        if i in first:  # no pair before this one
+            ahead = np.where(runs[i] & (runs[: i + 1].sum(axis=0) == 1), gap, ahead)
+        late = (now - gap + (reserve + half)) % period - half  # the next start, as far as one knows
+        wanted[i] = np.where(absolute, -late, gap - ahead) * runs[i]
+        shifted[i] = np.maximum(wanted[i], -plan.shift_ns) * makes[i]
+        ahead = gap if always else np.where(runs[i], gap, ahead)
         start = local[i + 1] = start + period + shifted[i]
-    return Starts(plan, local, _true(local, ppb), wanted, shifted)
+    return Starts(plan, local, local - _gained(local, ppb), wanted, shifted)
 
 
-def _true(local: np.ndarray, ppb: np.ndarray) -> np.ndarray:
-    """When a clock with this rate error, right at 0, shows `local`: divided in two steps, to stay within 64 bits."""
-    whole_steps, rest = np.divmod(local, PPB + ppb)
-    return whole_steps * PPB + rest * PPB // (PPB + ppb)
+def _mask(where: np.ndarray | None, errors: np.ndarray) -> np.ndarray:
+    return np.zeros(errors.shape, bool) if where is None else np.asarray(where, bool)
+
+
+def _gained(local: np.ndarray, ppb: np.ndarray) -> np.ndarray:
+    """How far a clock with this rate error, right at 0, is ahead of true time when it shows `local`."""
+    return -(-local * ppb // (PPB + ppb))

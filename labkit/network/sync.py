@@ -122,14 +122,18 @@ def precision_bound(rule: Rule, worst_ppb: int, jitter_ns: int = 0, reading_ns: 
 
 @dataclass
 class Tally:
-    """What a station met with: indications heard, corrections made, indications that had no round in common with it, the most
-    indications lost in a row (of which it knows when it hears the next), and true time of the end of its first correction.
+    """What a station met with.
+
+    Attributes:
+        rounds: numbers of the indications it heard.
+        corrected: corrections it made.
+        without_common: indications that had no round in common with it.
+        settled_ns: true time of the end of its first correction; None before.
     """
 
-    heard: int = 0
+    rounds: list[int] = field(default_factory=list)
     corrected: int = 0
     without_common: int = 0
-    longest_gap: int = 0
     settled_ns: int | None = None
 
 
@@ -141,7 +145,7 @@ class Master:
         self.virtual = VirtualClock(clock)
         self.tally = Tally(settled_ns=0)
         self.on = True
-        self._round = 0
+        self.sent: list[int] = []  # true time of each indication
         self._begin = 0
         self._stamps: deque[tuple[int, int]] = deque(maxlen=rule.omission_degree + 1)
 
@@ -153,14 +157,14 @@ class Master:
     def receive(self, message: Any, sender: int) -> None:
         """Its own indication has been sent."""
         if isinstance(message, Indication) and self.on:
-            self.tally.heard += 1
+            self.tally.rounds.append(message.round)
             self._stamps.append((message.round, self.clock.stamp(int(self.radio.env.now))))
 
     def _send(self) -> None:
         if self.on:
-            self.radio.send(self.station, Indication(self._round, tuple(self._stamps)), self.rule.bytes, echo=True)
-            self._round += 1
-            at(self.radio.env, self.clock.when(self._begin + self._round * self.rule.interval_ns), self._send)
+            self.radio.send(self.station, Indication(len(self.sent), tuple(self._stamps)), self.rule.bytes, echo=True)
+            self.sent.append(int(self.radio.env.now))
+            at(self.radio.env, self.clock.when(self._begin + len(self.sent) * self.rule.interval_ns), self._send)
 
 
 @dataclass
@@ -175,7 +179,6 @@ class Slave:
     on: bool = field(default=True, init=False)
     _stamps: dict[int, int] = field(default_factory=dict, init=False, repr=False)
     _pairs: deque[tuple[int, int]] = field(default_factory=lambda: deque(maxlen=ROUNDS), init=False, repr=False)
-    _last: int | None = field(default=None, init=False, repr=False)
     _ends: int | None = field(default=None, init=False, repr=False)  # local time at which the present correction is through
 
     def __post_init__(self) -> None:
@@ -186,17 +189,14 @@ class Slave:
         if not isinstance(message, Indication) or not self.on:
             return
         now, mine = int(self.radio.env.now), self._stamps
-        self.tally.heard += 1
-        if self._last is not None:
-            self.tally.longest_gap = max(self.tally.longest_gap, message.round - self._last - 1)
-        self._last = message.round
+        self.tally.rounds.append(message.round)
         common = [(own, stamp) for number, stamp in message.stamps if (own := mine.get(number)) is not None]
         mine[message.round] = self.clock.stamp(now)
         while len(mine) > self.rule.omission_degree + 1:
             del mine[next(iter(mine))]
         if common:
             self._correct(now, *common[-1])
-        elif self.tally.heard > 1:
+        elif len(self.tally.rounds) > 1:
             self.tally.without_common += 1
 
     def _correct(self, now: int, own: int, masters: int) -> None:

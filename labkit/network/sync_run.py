@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 import simpy
@@ -44,6 +45,7 @@ class SyncRun:
         virtual: their virtual clocks, in the same order.
         tallies: what each met with.
         counts: of the radio.
+        sent_ns: true time of each round's indication.
         until_ns: end of the run, in true time.
         bound_ns: `precision_bound`; None where none is claimed: without synchronisation, and with estimated drift.
     """
@@ -53,6 +55,7 @@ class SyncRun:
     virtual: Sequence[VirtualClock]
     tallies: Sequence[Tally]
     counts: Counts
+    sent_ns: np.ndarray
     until_ns: int
     bound_ns: int | None
     _lines: dict[int, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict, init=False, repr=False)
@@ -62,6 +65,40 @@ class SyncRun:
         """From when on the bound is to hold: everybody has made its first correction. None if somebody never did."""
         ends = [tally.settled_ns for tally in self.tallies]
         return None if None in ends else max(end for end in ends if end is not None)
+
+    def lost(self, station: int) -> np.ndarray:
+        """The rounds that a station lost after the first one it heard; all of them if it heard none."""
+        heard, received = self.tallies[station].rounds, len(self.tallies[0].rounds)
+        left = self.members[station].leaves_ns
+        last = received if left is None else min(received, int(np.searchsorted(self.sent_ns, left)))
+        return np.setdiff1d(np.arange(heard[0] if heard else 0, last), heard)
+
+    def longest_gap(self, station: int) -> int:
+        """The most indications in a row that a station lost, as `lost` counts them."""
+        lost = self.lost(station)
+        ends = np.flatnonzero(np.diff(lost, append=-1) != 1)
+        return int(np.diff(ends, prepend=-1).max(initial=0))
+
+    def master_stays(self) -> bool:
+        """Whether the master took part up to the end."""
+        left = self.members[0].leaves_ns
+        return left is None or left >= self.until_ns
+
+    def kept(self) -> bool:
+        """Whether the assumption behind the bound held: nobody lost more than OD in a row, and the master stayed."""
+        gaps = [self.longest_gap(station) for station in range(1, len(self.members))]
+        return self.master_stays() and max(gaps) <= self.rule.omission_degree
+
+    def set_back(self, station: int) -> int:
+        """How often a virtual clock showed less than 1 ns earlier."""
+        times, ahead = self.deviation(station)
+        return int(np.sum(np.diff(times + ahead) < 0))
+
+    def against(self, station: int, other: int = 0) -> tuple[np.ndarray, np.ndarray]:
+        """How far a virtual clock is ahead of another one: instants, and differences in ns."""
+        (mine, ahead), (theirs, less) = self.deviation(station), self.deviation(other)
+        times = np.union1d(mine, theirs)
+        return times, np.interp(times, mine, ahead) - np.interp(times, theirs, less)
 
     def deviation(self, station: int) -> tuple[np.ndarray, np.ndarray]:
         """How far a virtual clock is ahead of true time: instants in ns, and deviations in ns; a straight line between them.
@@ -78,14 +115,18 @@ class SyncRun:
 
     def spread(self, begin_ns: int = 0, end_ns: int | None = None) -> tuple[np.ndarray, np.ndarray]:
         """The precision over time: instants, and the largest difference between any two stations that take part then, in ns."""
-        end_ns = self.until_ns if end_ns is None else end_ns
+        times, apart = self._spread
+        some = (times >= begin_ns) & (times <= (self.until_ns if end_ns is None else end_ns))
+        return times[some], apart[some]
+
+    @cached_property
+    def _spread(self) -> tuple[np.ndarray, np.ndarray]:
         found = [self.deviation(i) for i in range(len(self.members))]
         times = np.unique(np.concatenate([t for t, _ in found]))
-        times = times[(times >= begin_ns) & (times <= end_ns)]
         lines = np.array([np.interp(times, t, d) for t, d in found])
         for line, member in zip(lines, self.members, strict=True):
-            away = (times < member.joins_ns) | (times >= (self.until_ns + 1 if member.leaves_ns is None else member.leaves_ns))
-            line[away] = np.nan
+            left = self.until_ns + 1 if member.leaves_ns is None else member.leaves_ns
+            line[(times < member.joins_ns) | (times >= left)] = np.nan
         several = np.sum(~np.isnan(lines), axis=0) > 1
         lines = lines[:, several]
         return times[several], np.nanmax(lines, axis=0) - np.nanmin(lines, axis=0)
@@ -132,7 +173,7 @@ def synchronise(
         if end > env.now:
             env.run(until=end)
     virtual, tallies = [station.virtual for station in stations], [station.tally for station in stations]
-    return SyncRun(members, rule, virtual, tallies, radio.counts, until_ns, bound)
+    return SyncRun(members, rule, virtual, tallies, radio.counts, np.array(master.sent, np.int64), until_ns, bound)
 
 
 def _take_part(radio: Radio, number: int, member: Member, station: Master | Slave) -> None:

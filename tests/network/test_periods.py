@@ -95,6 +95,15 @@ def test_a_shift_lost_stays_with_differences_and_a_reading_that_was_not_made_doe
     assert np.all(np.abs(after["absolute", "lost"]) < 100 * US)
 
 
+def test_corrections_begin_with_the_second_reading_of_each_station_by_itself():
+    """The first one has no pair before it; a later one goes back to the last pair that was read."""
+    silent = np.zeros(QUIET.shape, bool)
+    silent[1:3, 0], silent[:2, 1] = True, True
+    run = period_starts(Plan(P), "differences", np.array([100_000, 100_000]), QUIET, unread=silent)
+    gained = np.rint(run.wanted[:5] / (50 * US)).astype(int)
+    assert gained.tolist() == [[0, 0], [0, 0], [0, 0], [3, 1], [1, 1]]
+
+
 CHAIN = [Part("scan", "scan", 4 * MS, MS), Part("filter", "filter", 30 * MS, MS), Part("fusion", "fusion", 10 * MS, MS)]
 
 
@@ -161,6 +170,7 @@ def test_centred_is_the_distance_to_the_nearest_multiple(time, period):
         (lambda: period_starts(Plan(P), "guess", np.array([0, 0]), QUIET), "corrected by 'guess'"),
         (lambda: period_starts(Plan(P), "none", np.array([0]), QUIET), "must fit"),
         (lambda: period_starts(Plan(P), "none", np.array([0, 2_000_000]), QUIET), "off by 2000.0 ppm"),
+        (lambda: period_starts(Plan(1000 * S), "none", np.array([0, 10**6]), np.zeros((9000, 2))), "fewer are allowed"),
     ],
 )
 def test_what_is_no_plan_is_refused_by_name(make, word):

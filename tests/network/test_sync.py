@@ -70,7 +70,7 @@ def setting(draw, modes=("rate",)):
 @settings(max_examples=2000, deadline=None)
 def test_the_precision_stays_below_its_bound_while_no_more_than_od_are_lost_in_a_row(drawn):
     run = drawn.run()
-    assert max(tally.longest_gap for tally in run.tallies) <= drawn.rule.omission_degree
+    assert run.kept()
     assert sum(tally.without_common for tally in run.tallies) == 0
     if run.settled_ns is not None:
         assert run.precision() <= run.bound_ns
@@ -151,9 +151,10 @@ def test_od_losses_in_a_row_cost_no_correction_and_one_more_costs_the_next_indic
     for count in (0, 2, 3):
         run = synchronise([Member(Clock(0)), Member(Clock(10))], Rule(S, 2), 30 * S, lost_in_a_row(10, count))
         found[count] = run.tallies[1]
+        assert run.lost(1).tolist() == list(range(10, 10 + count)) and run.longest_gap(1) == count
+        assert run.kept() == (count < 3)
     assert [found[count].without_common for count in (0, 2, 3)] == [0, 0, 1]
-    assert [found[count].heard - found[count].corrected for count in (0, 2, 3)] == [1, 1, 2]
-    assert [found[count].longest_gap for count in (0, 2, 3)] == [0, 2, 3]
+    assert [len(found[count].rounds) - found[count].corrected for count in (0, 2, 3)] == [1, 1, 2]
 
 
 def test_after_too_many_losses_the_second_indication_heard_brings_the_clock_back():
@@ -193,9 +194,21 @@ def test_a_station_that_falls_silent_counts_no_longer():
 
 def test_loss_of_everything_is_reported():
     run = synchronise([Member(Clock(0)), Member(Clock(10))], Rule(S, 1), 100 * S, Independent(1.0))
-    assert run.settled_ns is None and run.tallies[1].heard == run.tallies[1].corrected == 0
+    assert (
+        run.settled_ns is None
+        and run.tallies[1].rounds == []
+        and run.tallies[1].corrected == 0
+        and run.longest_gap(1) == 100
+        and not run.kept()
+    )
     assert (run.counts.sent, run.counts.received, run.counts.lost) == (100, 0, 100)
     assert run.precision() == pytest.approx(1 * MS, rel=0.001)
+
+
+def test_a_gap_at_the_end_counts_and_what_was_sent_to_a_station_that_had_left_does_not():
+    members = [Member(Clock(0)), Member(Clock(10)), Member(Clock(10), leaves_ns=15 * S)]
+    run = synchronise(members, Rule(S, 1), 20 * S, lost_in_a_row(12, 100))
+    assert run.lost(1).tolist() == list(range(12, 20)) and run.lost(2).tolist() == [12, 13, 14]
 
 
 def test_no_synchronisation_sends_nothing():
