@@ -1,0 +1,212 @@
+"""Notebook 12: does it matter when a measurement was taken? Experiment 3 of source 2 (two stations, 330 ms, 160 ms apart)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from annotated_types import Interval, MultipleOf, Unit
+from typing_extensions import Doc
+
+from labkit.experiment import Experiment, Labels, Metric, View
+from labkit.figures import BLUE, GREY, INK, ORANGE, SKY, VERMILION, Curve, Dots, Way, axis, curves, stack, tracks
+from labkit.fusion import (
+    COURSES,
+    MOTIONS,
+    Course,
+    Looks,
+    Model,
+    Stations,
+    averages,
+    axis_covariance,
+    consistency_band,
+    fuse,
+    normalised_squares,
+    place,
+    rmse,
+)
+
+RUNS, PERIODS, WARM = 200, 20, 5  # runs behind the numbers; periods of each, and how many of them pass before errors count
+WINDOW = 1.1, 0.72  # m around the element that the map shows, half of it to each side
+STAMPS = {"measured": "when it was measured", "read": "when the fusion reads it"}
+
+Speed = Annotated[float, Interval(ge=0, le=3), MultipleOf(0.1), Unit("m/s"), Doc("of the element")]
+CourseChoice = Annotated[Course, Labels(COURSES), Doc("how the element moves")]
+Sigma = Annotated[float, Interval(ge=1, le=10), MultipleOf(0.5), Unit("cm"), Doc("noise of a measurement per axis, one sigma")]
+Density = Annotated[
+    Literal["0", "0.001", "0.01", "0.03", "0.1", "0.3", "1", "3", "10"],
+    Doc("q, the white noise that the filter assumes in the motion; its unit depends on the model"),
+]
+ModelChoice = Annotated[
+    Model, Labels({name: motion.name for name, motion in MOTIONS.items()}), Doc("process model of the filter")
+]
+
+
+@dataclass(frozen=True, eq=False)
+class Fused:
+    """What the stations measured and what the fusion made of it.
+
+    Attributes:
+        looks: in the order in which the filter takes them.
+        stamps: the times that the filter believes, s. places: where the element is at these times.
+        positions: estimates after each look, shape (runs, looks). variances: what the filter claims, per axis, shape (looks,).
+        nees: mean over runs and looks, both axes together.
+        average, truth: of A's and B's place of each period, and where the element is at the later look; shapes (runs, periods),
+            (periods,).
+    """
+
+    looks: Looks
+    stamps: np.ndarray
+    places: np.ndarray
+    positions: np.ndarray
+    variances: np.ndarray
+    nees: float
+    average: np.ndarray
+    truth: np.ndarray
+
+    @property
+    def later(self) -> np.ndarray:
+        """Indices of the looks that come last in their period, when the fused estimate is judged."""
+        return np.arange(1, len(self.stamps), 2)
+
+    def errors(self) -> np.ndarray:
+        """Of the estimates at the later looks, against where the element is at the time that is on them; (runs, periods)."""
+        return self.positions[:, self.later] - self.places[self.later]
+
+
+class TwoStations(Experiment[Fused]):
+    """Does it matter when a measurement was taken?
+
+    Two stations see one element, each every 330 ms, B later than A. The average of the two places takes them as if they were of
+    one time. The filter takes each at its own. Numbers are over 200 runs, the picture shows one.
+    """
+
+    speed: Speed = 1.0
+    course: CourseChoice = "straight"
+    offset: Annotated[int, Interval(ge=0, le=280), MultipleOf(10), Unit("ms"), Doc("B looks so much later than A")] = 160
+    sigma: Sigma = 3.0
+    clock_error: Annotated[int, Interval(ge=-50, le=50), Unit("ms"), Doc("B's clock is ahead by")] = 0
+    stamp: Annotated[Literal["measured", "read"], Labels(STAMPS), Doc("the time at which the filter takes a measurement")] = (
+        "measured"
+    )
+    model: ModelChoice = "cv"
+    q: Density = "0.1"
+    assumed: Annotated[
+        float,
+        Interval(ge=0.25, le=4),
+        MultipleOf(0.25),
+        Unit("times"),
+        Doc("sigma in the filter's R, as a multiple of the real one"),
+    ] = 1.0
+    seed: Annotated[int, Interval(ge=1, le=50), Doc("of the noise")] = 3
+    time: Annotated[float, Interval(ge=0, le=6.5), MultipleOf(0.1), Unit("s"), View(), Doc("the map follows the element")] = 2.5
+
+    def run(self) -> Fused:
+        sigma = self.sigma / 100
+        setting = Stations(self.speed, self.course, offset=self.offset / 1000, sigma=sigma, clock_error=self.clock_error / 1000)
+        looks = setting.look(RUNS, PERIODS, self.seed)
+        stamps = looks.stamps if self.stamp == "measured" else np.repeat(looks.stamps[1::2], 2)
+        states = fuse(self.model, float(self.q), looks, sigma * self.assumed, stamps)
+        n = MOTIONS[self.model].order
+        derivatives = _derivatives(self.course, self.speed, stamps, n)
+        warm = slice(2 * WARM, None)
+        errors = np.stack(
+            [np.array([state[i] for state in states]) - derivative[:, None] for i, derivative in enumerate(derivatives)], axis=-1
+        )[warm]
+        covariances = np.array([axis_covariance(tuple(np.ravel(part)[0].real for part in state)) for state in states])[warm]
+        squares = [normalised_squares(part, covariances[:, None]) for part in (errors.real, errors.imag)]
+        return Fused(
+            looks,
+            stamps,
+            derivatives[0],
+            np.array([state[0] for state in states]).T,
+            np.array([np.ravel(state[n])[0] for state in states]),
+            float(np.mean(np.sum(squares, axis=0))),
+            *averages(looks),
+        )
+
+    def figure(self, result: Fused) -> dict[str, Any]:
+        looks, later = result.looks, result.later
+        centre = complex(place(self.course, self.speed, self.time))
+        near = np.abs(looks.truth - centre) < 3 * WINDOW[0]
+        shown = [np.flatnonzero(near & (looks.station == s)) for s in (0, 1)]
+        covariances = result.variances[near, None, None] * np.eye(2)
+        truth = place(self.course, self.speed, np.linspace(0, 0.33 * PERIODS, 100))
+        seen = tracks(
+            [
+                Way("where it was", truth, GREY, "dot", 4),
+                Way("average of A and B", result.average[0], ORANGE, marks=True, width=2),
+                Way("filter", result.positions[0, near], BLUE, covariances=covariances, marks=True),
+            ],
+            [
+                Dots("station A", looks.z[0, shown[0]], VERMILION, "square"),
+                Dots("station B", looks.z[0, shown[1]], SKY, "diamond", 11),
+            ],
+            axis("x [m]", range=[centre.real - WINDOW[0], centre.real + WINDOW[0]]),
+            axis("y [m]", range=[centre.imag - WINDOW[1], centre.imag + WINDOW[1]]),
+            title="From above",
+            width=1.35,
+        )
+        at = looks.times[later]
+        claimed = 100 * np.sqrt(2 * result.variances[later])
+        lines = [
+            Curve("average", at.tolist(), _root(result.average - result.truth), ORANGE),
+            Curve("filter", at.tolist(), _root(result.errors()), BLUE),
+            Curve("claimed by the filter", at.tolist(), claimed.tolist(), INK, "dash"),
+        ]
+        error = curves(
+            lines,
+            axis("time [s]", range=[0, 0.33 * PERIODS]),
+            axis("error [cm]", type="log", range=[math.log10(0.5), 2], tickvals=[1, 2, 5, 10, 20, 50, 100]),
+            title="Error over 200 runs",
+            legend=False,
+            shapes=[_cursor(self.time)],
+            left=80,
+        )
+        return stack([seen, error], height=480)
+
+    def metrics(self, result: Fused) -> list[Metric]:
+        sigma = self.sigma / 100
+        freedom = 2 * MOTIONS[self.model].order
+        high = consistency_band(freedom, RUNS)[1]
+        errors = result.errors()[:, WARM:]
+        average = rmse((result.average - result.truth)[:, WARM:])
+        late = self.speed * self.offset / 2000 if self.course == "straight" else None
+        claimed = float(np.sqrt(np.mean(2 * result.variances[result.later][WARM:])))
+        return [
+            Metric("error of the average", 100 * average, "cm", note="root of the mean square, at the later look"),
+            Metric("error of the filter", 100 * rmse(errors), "cm", good=rmse(errors) < average),
+            Metric("claimed by the filter", 100 * claimed, "cm", note="by its covariance P"),
+            Metric(
+                "error of the average, by arithmetic",
+                None if late is None else 100 * math.hypot(sigma, late),
+                "cm",
+                note="root of sigma^2 + (speed x offset / 2)^2, straight on only",
+            ),
+            Metric("error of one measurement", 100 * rmse((result.looks.z - result.looks.truth)[:, 2 * WARM :]), "cm"),
+            Metric(
+                "NEES",
+                result.nees,
+                good=result.nees <= high,
+                note=f"{freedom} if the filter knows how good it is, more if it is too sure",
+            ),
+        ]
+
+
+def _derivatives(course: Course, speed: float, times: np.ndarray, count: int) -> list[np.ndarray]:
+    """Place, velocity, acceleration at times (looks,): the first `count`, by differences that are exact where nothing turns."""
+    h = 1e-3
+    ahead, here, behind = (place(course, speed, times + shift) for shift in (h, 0.0, -h))
+    return [here, (ahead - behind) / (2 * h), (ahead - 2 * here + behind) / h**2][:count]
+
+
+def _root(errors: np.ndarray) -> list[float]:
+    """Root of the mean square over the runs, in cm; errors (runs, n) in m."""
+    return (100 * np.sqrt(np.mean(np.abs(errors) ** 2, axis=0))).tolist()
+
+
+def _cursor(time: float) -> dict[str, Any]:
+    line = {"color": GREY, "width": 2, "dash": "dot"}
+    return {"type": "line", "x0": time, "x1": time, "y0": 0, "y1": 1, "yref": "y domain", "line": line}
