@@ -51,6 +51,10 @@ MODULES: dict[str, str] = {
     "ClockSync": "global_time",
     "PeriodStarts": "global_time_starts",
     "TimestampDrift": "global_time_drift",
+    "TwoStations": "kalman_fusion",
+    "GateShare": "kalman_gate",
+    "CrossingElements": "kalman_gate",
+    "ClaimedError": "kalman_consistency",
 }
 
 
@@ -99,6 +103,10 @@ EXERCISES: dict[str, str] = {
     "check_reserve": "global_time_starts",
     "check_in_phase": "global_time_starts",
     "check_read_error": "global_time_drift",
+    "check_offset": "kalman_fusion",
+    "check_clocks": "kalman_fusion",
+    "check_noise": "kalman_fusion",
+    "check_gate": "kalman_gate",
     "agent": "dma_session",
     "CREATE_CLIENT": "dma_session",
 }

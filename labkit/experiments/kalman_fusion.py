@@ -10,7 +10,7 @@ import numpy as np
 from annotated_types import Interval, MultipleOf, Unit
 from typing_extensions import Doc
 
-from labkit.experiment import Experiment, Labels, Metric, View
+from labkit.experiment import Experiment, Feedback, Labels, Metric, View
 from labkit.figures import BLUE, GREY, INK, ORANGE, SKY, VERMILION, Curve, Dots, Way, axis, curves, stack, tracks
 from labkit.fusion import (
     COURSES,
@@ -210,3 +210,37 @@ def _root(errors: np.ndarray) -> list[float]:
 def _cursor(time: float) -> dict[str, Any]:
     line = {"color": GREY, "width": 2, "dash": "dot"}
     return {"type": "line", "x0": time, "x1": time, "y0": 0, "y1": 1, "yref": "y domain", "line": line}
+
+
+def check_offset(answer: float) -> Feedback:
+    """Exercise: at 2 m/s, from which offset in ms on is the average of two stations worse than one measurement alone?"""
+    if not isinstance(answer, int | float) or not 0 <= answer <= 280:
+        return Feedback(False, "an offset from 0 to 280 ms is wanted")
+    looks = Stations(2.0, offset=answer / 1000).look(2000, PERIODS, 1)
+    average, truth = averages(looks)
+    found, single = 100 * rmse(average - truth), 100 * rmse(looks.z - looks.truth)
+    told = f"at {answer:g} ms the average is {found:.2f} cm wrong, one measurement {single:.2f} cm"
+    return Feedback(abs(found / single - 1) < 0.03, told)
+
+
+def check_clocks(answer: int) -> Feedback:
+    """Exercise: at 3 m/s, by how many whole ms may B's clock be ahead so that the filter is at most 10 % worse?"""
+    if isinstance(answer, bool) or not isinstance(answer, int) or not 0 <= answer < 50:
+        return Feedback(False, "a whole number of ms from 0 to 49 is wanted")
+
+    def error(ms: int) -> float:
+        return TwoStations(speed=3, clock_error=ms).measure("error of the filter")
+
+    right, found, more = error(0), error(answer), error(answer + 1)
+    told = f"with clocks that agree {right:.2f} cm, with {answer} ms {found:.2f} cm, {100 * (found / right - 1):.0f} % more"
+    return Feedback(found <= 1.1 * right < more, told + ("; one more ms is allowed" if more <= 1.1 * right else ""))
+
+
+def check_noise(answer: TwoStations) -> Feedback:
+    """Exercise: in the circle at 1 m/s, below 3.75 cm and a claim within 5 % of the real error, by model and q alone."""
+    start = TwoStations(course="circle")
+    if not answer.same_run(start.replace(model=answer.model, q=answer.q)):
+        return Feedback(False, f"change the model and q only: {start.code()}")
+    values = answer.values()
+    found, claimed = values["error of the filter"], values["claimed by the filter"]
+    return Feedback(found < 3.75 and abs(claimed / found - 1) < 0.05, f"{found:.2f} cm wrong, and it claims {claimed:.2f} cm")

@@ -9,7 +9,7 @@ import numpy as np
 from annotated_types import Interval, MultipleOf, Unit
 from typing_extensions import Doc
 
-from labkit.experiment import Experiment, Labels, Metric
+from labkit.experiment import Experiment, Feedback, Labels, Metric
 from labkit.experiments.kalman_fusion import CourseChoice, Density, Sigma, Speed
 from labkit.figures import BLUE, GREY, INK, PALETTE, VERMILION, Curve, Dots, Way, axis, curves, stack, tracks
 from labkit.fusion import (
@@ -221,3 +221,13 @@ class CrossingElements(Experiment[Followed]):
             Metric("estimates without an element", result.false_now, note="mean over the looks"),
             Metric("dropped unconfirmed", result.false, "tracks"),
         ]
+
+
+def check_gate(answer: GateShare) -> Feedback:
+    """Exercise: a gate (5.32) of at most 26 cm that does not lose the element in the circle, what is rejected being left out."""
+    start = GateShare(course="circle", rejected="left out")
+    if answer != start.replace(a_max=answer.a_max, e_max=answer.e_max):
+        return Feedback(False, f"change a_max and e_max only: {start.code()}")
+    result = answer.run()
+    share, radius = 100 * result.source.rejected.mean(), 100 * float(np.median(result.source.radius[WARM:]))
+    return Feedback(share < 1 and radius <= 26, f"{share:.1f} % of the true measurements rejected by a gate of {radius:.0f} cm")
