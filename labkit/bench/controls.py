@@ -34,10 +34,16 @@ def control(p: Parameter, value: Any) -> w.Widget:
             made = w.IntSlider(min=int(p.low), max=int(p.high), step=int(p.step or 1), **common)
         else:
             step = p.step or (p.high - p.low) / 100
-            digits = max(0, -int(np.floor(np.log10(step) + 1e-9))) if step < 1 else 0
-            made = w.FloatSlider(min=p.low, max=p.high, step=step, readout_format=f".{digits}f", **common)
+            made = w.FloatSlider(min=p.low, max=p.high, step=step, readout_format=f".{_digits(p, step)}f", **common)
     made.add_class(f"lab-{p.name.replace('_', '-')}")
     return made
+
+
+def _digits(p: Parameter, step: float) -> int:
+    """Decimals that tell a value from the next: all that the declared step has, 2 for 0.25, else as many as the step is small."""
+    if p.step:
+        return len(f"{step:.9f}".rstrip("0").partition(".")[2])
+    return max(0, -int(np.floor(np.log10(step) + 1e-9))) if step < 1 else 0
 
 
 def on_grid(p: Parameter, value: Any) -> Any:

@@ -15,7 +15,7 @@ from labkit.figures import BLUE, GREY, ORANGE, SKY, VERMILION, History, Panel, S
 from labkit.robot import CPU_HZ, OnBlocks, Sink, build, lines
 from labkit.sink import link_load
 
-ROWS = ("tsink", "profile", "IDLE")
+ROWS = ("tsink", "profile")
 WINDOW = 100  # ms simulated
 WARM = 20  # ms after which throughput is measured: the first round of `profile` comes later than the stamps
 
@@ -96,12 +96,17 @@ class RingInMotion(Experiment[Motion]):
         times, fills = result.sink.curve()
         at, fill = envelope(times / MS, fills, low, high)
         capacity = Steps("capacity", np.array([low]), np.array([self.capacity]), GREY, "dot")
-        return stack(
-            gantt(result.history, ROWS, low, high, height=1.3),
-            Panel([_on_air(result.sink, low, high)], axis("chunk [bytes]", rangemode="tozero"), height=1.0, left=110),
+        panels = [
+            Panel([_on_air(result.sink, low, high)], axis("chunk [bytes]"), height=1.0, left=110),
             steps([Steps("bytes in the ring", at, fill, SKY), capacity], "fill [bytes]", high, height=1.2, left=110),
-            steps(_indices(result.sink, low, high), "index mod capacity", high, height=1.4, left=110),
-            height=700,
+            steps(_indices(result.sink, low, high), "index", high, height=1.2, left=110),
+        ]
+        for panel in panels:
+            panel.y.update(range=[0, 1.06 * self.capacity], rangemode="normal", fixedrange=True)
+        return stack(
+            gantt(result.history, ROWS, low, high, height=0.9),
+            *panels,
+            height=580,
             shared=axis("time [ms]", range=[low, high]),
             meta={"range": ("start", "end")},
         )
@@ -114,10 +119,10 @@ class RingInMotion(Experiment[Motion]):
         return [
             Metric("link load by arithmetic", 100 * load, "%", good=load < 1, note="stamps made x their bytes x 10 bits / baud"),
             Metric("link busy in the model", 100 * busy, "%"),
+            Metric("stamps lost", lost, good=lost == 0, note="in the temp buffer or at the ring"),
             Metric("fullest", fullest, "bytes", bound=self.capacity),
             Metric("chunks", len(chunks)),
             Metric("largest chunk", int(chunks.max(initial=0)), "bytes", bound=self.capacity),
-            Metric("stamps lost", lost, good=lost == 0, note="in the temp buffer or at the ring"),
         ]
 
 

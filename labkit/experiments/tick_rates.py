@@ -39,7 +39,7 @@ Form = Annotated[
 ]
 WhenFull = Annotated[
     Full,
-    Labels({"wait": "who writes it waits 1 ms", "drop": "the stamp is dropped"}),
+    Labels({"wait": "the writer waits 1 ms", "drop": "the stamp is dropped"}),
     Doc("what happens to a stamp when the ring is full"),
 ]
 

@@ -17,7 +17,7 @@ from labkit.figures import BLUE, GREEN, VERMILION, History, Marks, Panel, axis, 
 from labkit.robot import CPU_HZ, PRIORITIES, OnBlocks, Read, VelocityLine, build, published
 from labkit.sink import FRAME_BYTES
 
-ROWS = ("recv_vel", "hal_fetch", "wheel_ctrl", "odometry", "pose_ctrl", "profile")
+ROWS = ("recv_vel", "wheel_ctrl", "profile")
 LENGTH = 400  # ms simulated
 
 
@@ -52,8 +52,12 @@ class TornFrame(Experiment[Heard]):
     above: Annotated[bool, Doc("recv_vel has a higher priority than profile and the control tasks, not the same")] = False
     caches: Caches = False
     seed: Annotated[int, Interval(ge=1, le=99), Doc("of the radio's delays")] = 1
-    start: Annotated[float, Interval(ge=0, le=LENGTH), Unit("ms"), View(), Doc("left edge of the picture")] = 0.0
-    end: Annotated[float, Interval(ge=0, le=LENGTH), Unit("ms"), View(), Doc("right edge of the picture")] = 100.0
+    start: Annotated[float, Interval(ge=0, le=LENGTH), MultipleOf(0.05), Unit("ms"), View(), Doc("left edge of the picture")] = (
+        25.0
+    )
+    end: Annotated[float, Interval(ge=0, le=LENGTH), MultipleOf(0.05), Unit("ms"), View(), Doc("right edge of the picture")] = (
+        60.0
+    )
 
     def run(self) -> Heard:
         priorities = PRIORITIES | ({"recv_vel": PRIORITIES["recv_vel"] + 1} if self.above else {})
@@ -70,10 +74,10 @@ class TornFrame(Experiment[Heard]):
         low, high = window(self.start, self.end, LENGTH)
         x = axis("", range=[low, high])
         return stack(
-            gantt(result.history, ROWS, low, high, height=2.2, x=x),
+            gantt(result.history, ROWS, low, high, height=1.1, x=x),
             arriving(result.line, low, high, {**x, "matches": "x", "title": {"text": "time [ms]"}}),
             worst_read(result),
-            height=680,
+            height=560,
             keys=("ready",),
             meta={"range": ("start", "end")},
         )
@@ -87,7 +91,7 @@ class TornFrame(Experiment[Heard]):
             Metric("longest wait", 1e6 * wait / CPU_HZ, "us", note="from a frame's last byte until it is read"),
             Metric("frames complete", complete),
             Metric("never read", complete - len(line.reads), note="the next one was complete first"),
-            Metric("bytes of the next frame", worst.newer if worst else 0, bound=FRAME_BYTES, note="in the worst torn one"),
+            Metric("bytes of the next frame", worst.newer if worst else 0, note=f"of {FRAME_BYTES}, in the worst torn one"),
         ]
 
 
@@ -110,7 +114,7 @@ def arriving(line: VelocityLine, low: float, high: float, x: dict[str, Any]) -> 
         found = [r for r in line.reads if (r.reception.verdict != "ok") == torn and low <= r.at / MS <= high]
         at, newer = (np.array([getattr(read, name) for read in found], dtype=float) for name in ("at", "newer"))
         marks.append(Marks(name, at / MS, newer, symbol, colour))
-    panel = steps([], "bytes of the next", high, marks, height=1.5, left=110, x=x)
+    panel = steps([], "bytes", high, marks, height=1.5, left=110, x=x)
     y = panel.y | {"range": [-3, FRAME_BYTES + 3], "tickvals": [0, 7, 14, 21, 28], "fixedrange": True}
     return replace(panel, traces=[ramp, *panel.traces], y=y)
 

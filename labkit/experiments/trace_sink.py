@@ -115,7 +115,8 @@ def remark(told: Told, shown: int) -> str:
     verdict = f"{check.verdict}: {check.reason}"
     cut = f"CUT: {more} more steps do not fit the picture" if more > 0 else ""
     if not check.steps:
-        return f"{verdict}; below is one run of many" + (f", its first {SHOWN} steps" if cut else "")
+        found = f"ok: nothing is wrong in any of {check.states} states" if check.verdict == "ok" else check.reason
+        return f"{found}; {f'the first {SHOWN} steps of ' if cut else ''}one run of many"
     if shown < min(len(told.steps), SHOWN):
         return f"on the shortest way to a failure of {len(told.steps)} steps"
     return f"{cut}; in the end {verdict}" if cut else verdict

@@ -25,8 +25,8 @@ from labkit.figures.style import (
     axis,
 )
 
-ROWS = 22  # steps that fit into the picture; it scrolls with the step shown
-HEIGHT = 660
+ROWS = 15  # steps that fit into the picture; it scrolls with the step shown
+HEIGHT = 510
 TEXT_ROOM = 0.42  # right of the last lane, for its text
 WORDS = 44  # letters of a step's text, at most
 LANES = {"consumer": ORANGE, "DMA": PURPLE, "tick": GREY}
@@ -117,7 +117,7 @@ def interleaving(
         tickfont={"size": FONT},
     )
     y = axis("step", range=[last + 0.7, last - ROWS + 0.3], dtick=1, fixedrange=True, showgrid=False)
-    notes = [_line(title, 82, GREY), _line(f"<b>{sentence}</b>", 56, INK), _line(remark, 30, VERMILION if failing else INK)]
+    notes = [_line(title, 82, INK), _line(f"<b>{sentence}</b>", 56, INK), _line(remark, 30, VERMILION if failing else INK)]
     picture = Panel(traces, y, x, notes=notes, above=122, width=2.7)
     return stack([picture, _memory(memory, step)], height=HEIGHT, legend=False, bottom=20)
 
