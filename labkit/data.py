@@ -1,4 +1,4 @@
-"""The measurements that both sources published, from the folder `data` (its README describes every column)."""
+"""The measurements that both sources published, from the folder `data` (its README describes every column), and sample files."""
 
 from __future__ import annotations
 
@@ -22,6 +22,15 @@ def published(name: str) -> Path:
     names = sorted(path.name for path in folder.glob("*.*") if path.suffix in (".csv", ".log"))
     if name not in names:
         raise ValueError(f"no published file {name!r}; there are {', '.join(names) or f'none in {folder}'}")
+    return folder / name
+
+
+def example(name: str) -> Path:
+    """Path of one sample file that the lab made itself, from `data/examples`; ValueError lists those there are."""
+    folder = _folder() / "examples"
+    names = sorted(path.name for path in folder.glob("*.*"))
+    if name not in names:
+        raise ValueError(f"no sample file {name!r}; there are {', '.join(names) or f'none in {folder}'}")
     return folder / name
 
 

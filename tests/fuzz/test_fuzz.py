@@ -20,6 +20,8 @@ import pytest
 
 from labkit.__main__ import main, parser
 from labkit.cache import read_trace
+from labkit.data import example
+from labkit.fusion import points, read_scans, run_chain
 from labkit.kernel import Kernel, read_scenario, run_scenario, write_events, write_timeline
 from labkit.outside import read_json
 from labkit.phases import read_chain, windows
@@ -153,6 +155,15 @@ def take_frames(path):
     json.dumps([reception.as_dict() for reception in found], allow_nan=False)
 
 
+def take_scans(path):
+    """Every scan can be worked on, and the report accounts for every line."""
+    found, report = read_scans(path)
+    assert report.lines == report.scans + report.other + report.empty + report.rejected and len(found) == report.scans
+    for one in found[:2]:
+        run_chain(points(one))
+    str(report)
+
+
 FRAMES = "\n".join([encode_frame(1, -2, 0.5).hex(), encode_frame(0, 1e-300, 9).hex(" "), "00ff", ""]).encode()
 SCENARIOS = ("02_inversion_mutex.json", "07e_send_front_order.json", "08c_notify_timeout_and_task_give.json")
 READERS = {
@@ -163,6 +174,11 @@ READERS = {
     "chain": (damage.damaged, lambda: [CHAIN.encode()], lambda path: windows(read_chain(path), 50_000_000)),
     "npz trace": (damage.damaged_npz, npz_traces, lambda path: statistics(read_npz(path))),
     "frames": (damage.damaged, lambda: [FRAMES], take_frames),
+    "scans": (
+        damage.damaged,
+        lambda: [example(name).read_bytes()[:9000] for name in ("scans.csv", "scans_carmen.log")],
+        take_scans,
+    ),
     "references": (damage.damaged_npz, references, read_trace),
 }
 

@@ -25,6 +25,7 @@ from labkit.trace import Problem
 MOST_BYTES, MOST_SCANS, MOST_VALUES, MOST_TOLD = 64 << 20, 200_000, 8_000, 1_000
 LATEST_S = 4e9  # of a time stamp, which may count from 1970
 FURTHEST = 1e6  # m, of a pose
+HERE = Pose(0.0, 0.0)
 NOTHING = {"", "nan", "inf", "+inf", "-inf", "infinity", "-"}
 
 
@@ -74,7 +75,7 @@ class _Wrong(Exception):
 
 
 def read_scans(
-    path: str | os.PathLike[str], station: str = "log", view_deg: float = 180.0, range_m: float = 80.0
+    path: str | os.PathLike[str], station: str = "log", view_deg: float = 180.0, range_m: float = 80.0, pose: Pose = HERE
 ) -> tuple[list[Scan], ScanReport]:
     """Scans of a CSV file or a CARMEN log, in order of time, and what the reader met.
 
@@ -82,7 +83,8 @@ def read_scans(
         path: a file of at most 64 MiB, 200 000 scans and 8 000 ranges per scan.
         station: name that the scans get.
         view_deg: field of view of a CSV file, half of it on either side of the heading.
-        range_m: from which distance on nothing came back; `ROBOTLASER1` states its own.
+        range_m: from which distance on nothing came back; `ROBOTLASER1` states its own, if that is less.
+        pose: where the scanner of a CSV file stood; CARMEN states its own.
     Raises:
         ValueError: there is no scan in the file, it is too long, or a setting is impossible.
         OSError: the file cannot be read.
@@ -108,7 +110,7 @@ def read_scans(
             other += 1
         else:
             try:
-                read.append(_carmen(number, words, range_m) if carmen else _csv(number, words, view_deg, range_m))
+                read.append(_carmen(number, words, range_m) if carmen else _csv(number, words, view_deg, range_m, pose))
             except _Wrong as wrong:
                 rejected.append(Problem(number, str(wrong), "rejected", "left out"))
             if len(read) > MOST_SCANS:
@@ -157,12 +159,12 @@ def _ranges(words: list[str], range_m: float) -> np.ndarray:
     return np.where((found > 0) & (found < range_m), found, np.inf)
 
 
-def _csv(number: int, words: list[str], view_deg: float, range_m: float) -> _Line:
+def _csv(number: int, words: list[str], view_deg: float, range_m: float, pose: Pose) -> _Line:
     time_ns = _time(_number(words[0], "time_ms") / 1000)
     ranges = _ranges(words[1:], range_m)
     half = np.deg2rad(view_deg) / 2
     step = 2 * half / (len(ranges) - 1) if len(ranges) > 1 else 0.0
-    return _Line(number, time_ns, Pose(0.0, 0.0), -half if len(ranges) > 1 else 0.0, step, ranges)
+    return _Line(number, time_ns, pose, -half if len(ranges) > 1 else 0.0, step, ranges)
 
 
 def _carmen(number: int, words: list[str], range_m: float) -> _Line:
