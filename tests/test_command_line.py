@@ -209,7 +209,7 @@ def test_trace_prints_statistics_and_every_repair(tmp_path, capsys):
         ("replay", "longer than 8 MiB"),
         ("schedule --policy rm --until 5", "longer than 8 MiB"),
         ("windows --period-ns 5", "longer than 8 MiB"),
-        ("cache", "it is a device or pipe; an archive must be a file on a disk"),
+        ("cache", "it is no trace of data references"),
     ],
 )
 def test_an_endless_file_is_refused(arguments, sentence, capsys):

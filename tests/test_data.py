@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 DATA = Path(__file__).parents[1] / "data"
-FILES = sorted(path.name for path in DATA.iterdir() if path.name != "README.md")
+FILES = sorted(path.name for path in DATA.iterdir() if path.is_file() and path.name != "README.md")
 PARSE = {"text": str, "integer": int, "number": float}
 
 

@@ -7,14 +7,13 @@ traces; `timing` turns counts into cycles; `violations` finds where a program re
 from labkit.cache.cache import Cache
 from labkit.cache.coherence import CAUSES, Coherence, Violation, violations
 from labkit.cache.counting import COUNTS, count, count_trace
-from labkit.cache.dma import Dma
-from labkit.cache.drivers import evict
+from labkit.cache.dma import Dma, evict
 from labkit.cache.folds import MissClasses, counts, miss_classes, references_of, replay, timeline
 from labkit.cache.geometry import DCACHE, ICACHE, Geometry
 from labkit.cache.history import History, history
 from labkit.cache.memory import WRITE_BACK, Attribute, Memory, MpuRegion, Region
 from labkit.cache.records import Access, Operation, Record, Transfer, data_of
-from labkit.cache.references import References, TraceFileError, read_trace
+from labkit.cache.references import RecordedReferences, References, TraceFileError, patterns, read_references, read_trace
 from labkit.cache.stm32f767 import SOURCE1_MPU, stm32f767
 from labkit.cache.timing import Cost, Timing, Work, run_cost, wait_states
 
@@ -38,6 +37,7 @@ __all__ = [
     "MpuRegion",
     "Operation",
     "Record",
+    "RecordedReferences",
     "References",
     "Region",
     "Timing",
@@ -52,6 +52,8 @@ __all__ = [
     "evict",
     "history",
     "miss_classes",
+    "patterns",
+    "read_references",
     "read_trace",
     "references_of",
     "replay",

@@ -32,13 +32,16 @@ def _schedule(args: argparse.Namespace) -> None:
 
 
 def _cache(args: argparse.Namespace) -> None:
-    from labkit.cache import count_trace
+    from labkit.cache import count_trace, read_references
 
-    counts = count_trace(args.trace, args.size, args.ways, args.line, args.policy, seed=args.seed)
+    recorded = read_references(args.trace)
+    counts = count_trace(recorded.references, args.size, args.ways, args.line, args.policy, seed=args.seed)
     if args.json:
         print_json(
             {
                 "trace": args.trace,
+                "format": recorded.format,
+                "left_out": recorded.left_out,
                 "size": args.size,
                 "ways": args.ways,
                 "line": args.line,
@@ -53,6 +56,7 @@ def _cache(args: argparse.Namespace) -> None:
         print(f"    {kind}s: {of}, of them missed {missed}{f' ({100 * missed / of:.2f} %)' if of else ''}")
     for name in ("lines_touched", "fills", "evictions", "write_backs"):
         print(f"    {name.replace('_', ' ')}: {counts[name]}")
+    print(f"{args.trace}: {recorded}")
 
 
 def _windows(args: argparse.Namespace) -> None:
@@ -83,7 +87,7 @@ def add_to(add: Add) -> None:
     c.add_argument("--until", required=True, type=int, metavar="N", help="length of the schedule in time units")
     c.add_argument("--trace", metavar="OUT.csv", help="write who ran when: task,job,part,event,start,end")
     c = add("cache", _cache, "count the hits and misses of a recorded trace of data references")
-    c.add_argument("trace", metavar="TRACE.npz", help="arrays op (uint8: 1 store, 2 load, 3 modify), addr (uint64), size (uint8)")
+    c.add_argument("trace", metavar="TRACE", help="text of valgrind's lackey (--trace-mem=yes) or of Dinero (din), or .npz")
     c.add_argument("--size", type=int, default=16384, metavar="BYTES", help="capacity of the cache (default: %(default)s)")
     c.add_argument("--ways", type=int, default=4, help="lines per set (default: %(default)s)")
     c.add_argument("--line", type=int, default=32, metavar="BYTES", help="bytes per line (default: %(default)s)")

@@ -8,7 +8,7 @@ rest 0. `task` and `other` are indices into `Trace.names` (-1: none); a task and
 priority changes; the caller of a service (-1: an interrupt); for `begin` and `end` the scope, or the task itself in a log; for
 `isr` the task interrupted, for `overhead` the one that has to wait meanwhile.
 
-A `switch` from a task to itself is the first row of a core in a recording, whose task had the core before anything was recorded.
+A `switch` from a task to itself is the first row of a core, in a window or a recording: the task had the core before.
 
 A job is its task and its number. Its `release` is followed by its `deadline`, if it has one. Its main part ends with `complete`
 or `abort`; after an abort the exception part, which is a name of its own (`Trace.exception_of`), ends with a `complete` of the

@@ -246,9 +246,7 @@ def _runs(trace: Trace) -> tuple[np.ndarray, ...]:
     opened, closed = 2 * rows + 1, np.append(2 * rows[1:], 2 * len(trace) + 1)[: len(rows)]
     complete = np.ones(len(rows), bool)
     complete[-1:] = False
-    if len(rows) and trace.start > 0 and begin[0] == trace.start and trace.other[rows[0]] < 0:
-        complete[0] = False  # the first row of a window: the run began before it
     if len(rows) and trace.other[rows[0]] == task[0]:
-        complete[0] = False  # from itself: so a recording says that it began before
+        complete[0] = False  # from itself: so a window and a recording say that the run began before
     keep = (task >= 0) & (end > begin)
     return tuple(column[keep] for column in (task, opened, closed, begin, end, complete))

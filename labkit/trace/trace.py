@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from labkit.trace.kinds import CODE, KINDS
+from labkit.trace.kinds import CODE, KINDS, STATES
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -154,7 +154,8 @@ class Trace:
         """The part from `start` (included) to `end`: of what happens at `end` only the ends of jobs are in it, unless the
         recording itself ends there.
 
-        Who runs at `start`, and what is left of a kernel overhead then, are kept as rows at `start`.
+        Who runs at `start`, and what is left of a kernel overhead then, are kept as rows at `start`; such a switch is from the task
+        to itself.
         """
         if not self.start <= start <= end <= self.end:
             raise ValueError(f"window {start}..{end} is not inside the recording {self.start}..{self.end}")
@@ -168,7 +169,7 @@ class Trace:
         costs = np.flatnonzero(early & self.of("overhead") & (self.time + self.value > start))
         made = self.take(np.concatenate([np.array(running, dtype=np.int64), costs, np.flatnonzero(inside)]))
         first, last = len(running), len(running) + len(costs)
-        made.other[:first], made.extra[:first] = -1, -1
+        made.other[:first], made.extra[:first] = made.task[:first], STATES.index("running")
         made.value[first:last] -= start - made.time[first:last]
         made.time[:last] = start
         return replace(made, start=start, end=end, closed=closed)

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from labkit.cache import DCACHE, Cache, Dma, MpuRegion, stm32f767
 from labkit.cache.coherence import CAUSES, violations
-from labkit.cache.drivers import evict, receive, transmit
+from labkit.cache.dma import evict, receive, transmit
 from labkit.cache.policies import POLICIES
 
 BUFFER = 0x2002_0100  # in SRAM1, on a line

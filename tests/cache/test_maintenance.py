@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from labkit.cache import SOURCE1_MPU, Cache, Dma, Geometry, Memory, MpuRegion, Region, counts, data_of, stm32f767, timeline
-from labkit.cache.drivers import evict
+from labkit.cache.dma import evict
 from labkit.cache.memory import NON_CACHEABLE, WRITE_BACK, WRITE_THROUGH
 
 SRAM = 0x2002_0000

@@ -1,6 +1,7 @@
 """Access patterns and trace files: what they contain and how typos are answered."""
 
 import io
+import pickle
 import tracemalloc
 import zipfile
 
@@ -188,12 +189,12 @@ def test_what_is_no_trace_file_is_refused(tmp_path):
     with pytest.raises(TraceFileError, match="there is no file"):
         read_trace(tmp_path / "none.npz")
     (tmp_path / "text.npz").write_text("op addr size")
-    with pytest.raises(TraceFileError, match=r"cannot be read as an \.npz file"):
+    with pytest.raises(TraceFileError, match="it is no trace of data references: neither"):
         read_trace(tmp_path / "text.npz")
     np.save(tmp_path / "one.npy", GOOD["op"])
     with pytest.raises(TraceFileError, match="holds a single array"):
         read_trace(tmp_path / "one.npy")
-    with pytest.raises(TraceFileError, match=r"cannot be read as an \.npz file"):
+    with pytest.raises(TraceFileError, match="Is a directory"):
         read_trace(tmp_path)
 
 
@@ -274,10 +275,17 @@ def test_a_strange_archive_is_refused_in_one_printable_sentence(tmp_path, member
     assert says in said and said.isprintable() and len(said) < 400
 
 
-def test_a_text_file_is_not_advised_to_allow_pickles(tmp_path):
-    (tmp_path / "text.npz").write_text("op addr size")
-    said, _ = refusal(tmp_path / "text.npz")
-    assert said.endswith("cannot be read as an .npz file of plain arrays: File is not a zip file")
+def test_nobody_is_advised_to_allow_pickles(tmp_path):
+    objects = np.array([1, None], object)
+    for name, write in {
+        "text.npz": lambda path: path.write_text("op addr size"),
+        "objects.npz": lambda path: np.savez(path, op=objects, addr=np.zeros(2, np.uint64), size=np.zeros(2, np.uint8)),
+        "objects.npy": lambda path: np.save(path, objects),
+        "dumped.npz": lambda path: path.write_bytes(pickle.dumps([objects])),
+        "empty.npz": lambda path: path.write_bytes(b""),
+    }.items():
+        write(tmp_path / name)
+        refusal(tmp_path / name)
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from labkit.cache.references import LOAD, OPS, STORE, References
+from labkit.cache.references.columns import LOAD, OPS, STORE, References
 
 BASE = 0x2002_0000  # the start of SRAM1, the first cacheable RAM of the STM32F767
 MOST_REFERENCES = 2_000_000
