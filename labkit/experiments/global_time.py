@@ -165,8 +165,9 @@ class ClockSync(Experiment[SyncRun]):
 
 def nice(value: float) -> float:
     """The next of 1, 2, 5, 10, 20, ... that is no less: a scale that stays while a slider moves a little."""
-    power = 10.0 ** ceil(log10(max(value, 1.0)) - 1)
-    return next(power * step for step in (1, 2, 5, 10, 20) if power * step >= value)
+    value = max(value, 1.0)
+    power = 10.0 ** ceil(log10(value) - 1)
+    return next(power * step for step in (1, 2, 5, 10) if power * step >= value)
 
 
 def thinned(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -13,8 +13,9 @@ What each makes of an error, for a station whose readings are wrong by e_i (`pha
 
 - A reading error. The sum of (5.5) telescopes: after correction i the phase is off by e_1 - e_i, whatever was read in between;
   nothing adds up. By absolute phase it is off by -e_i.
-- A phase error at the begin: (5.5) keeps it for ever, as it sees differences only. By absolute phase it goes with the first
-  correction.
+- A phase error at the begin: (5.5) keeps it for ever, as it sees differences only. It also keeps what the clock gained before it
+  sees any: on the way to the first start, for (5.3) ignores rates, and in the first period. By absolute phase all of that goes
+  with the first correction.
 - A shift that was lost, as the thread had read but was aborted before it shifted, or as the shift was cut: (5.5) keeps that, too.
 - A correction thread that did not run at all: nothing is lost, if C_i is taken against the last pair that was *read*; the sum
   telescopes over the gap. (Taken as lost, as one may read the source, it would be one period's drift.)

@@ -128,7 +128,7 @@ class Tally:
         rounds: numbers of the indications it heard.
         corrected: corrections it made.
         without_common: indications that had no round in common with it.
-        settled_ns: true time of the end of its first correction; None before.
+        settled_ns: true time of the end of its first correction, with estimated drift of the eighth; None before.
     """
 
     rounds: list[int] = field(default_factory=list)
@@ -216,6 +216,7 @@ class Slave:
         self._ends = self.virtual.steer(local, behind + aged, self.rule.over_ns, slope)
 
     def _settle(self, local: int) -> None:
-        """Note the end of the first correction that was through before the next one."""
-        if self.tally.settled_ns is None and self._ends is not None and self._ends <= local:
+        """Note the end of the first correction that counts, if it was through before the next one."""
+        counts = self.tally.corrected > (ROUNDS if self.rule.mode == "drift" else 1)
+        if self.tally.settled_ns is None and counts and self._ends is not None and self._ends <= local:
             self.tally.settled_ns = self.clock.when(self._ends)
