@@ -1,6 +1,6 @@
 """The engine: time, interrupts, and the states of tasks. Services, protocols and interrupt handlers act on it.
 
-Rule numbers are those of tests/oracle/freertos/README.md.
+Rule numbers are those of tests/oracle/freertos (1 to 27) and freertos2 (from 28).
 """
 
 from __future__ import annotations
@@ -11,8 +11,11 @@ from typing import TYPE_CHECKING, Any
 
 from labkit.kernel.costs import Costs
 from labkit.kernel.journal import PAGE, Journal
-from labkit.kernel.objects import BLOCKED, DELETED, FOREVER, READY, SUSPENDED, Mutex, Queue, ReadyLists, Semaphore, Task, enqueue
-from labkit.kernel.services import PRICED, Service, end_task, release
+from labkit.kernel.objects import BLOCKED, FOREVER, READY, Mutex, ReadyLists, Target, Task, enqueue
+from labkit.kernel.services import PRICED, Service
+from labkit.kernel.services.jobs import release
+from labkit.kernel.services.tasks import end_task
+from labkit.kernel.services.timers import Daemon
 from labkit.trace import CODE, OVERHEADS
 
 if TYPE_CHECKING:
@@ -21,6 +24,7 @@ if TYPE_CHECKING:
 Handler = Callable[["Interrupt"], Any]
 
 SWITCH, READIED, OVERHEAD = CODE["switch"], CODE["ready"], CODE["overhead"]
+CREATE, TICK_LOST = CODE["create"], CODE["tick_lost"]
 TICK_COST, SWITCH_COST, SERVICE_COST, ISR_COST = range(len(OVERHEADS))
 
 #: Requests and interrupts in a row, without time passing, after which a program is taken to be caught in a loop.
@@ -33,14 +37,18 @@ class Core:
     """The processor and what the kernel knows.
 
     Attributes:
-        now: CPU cycles since the start. `tick`: cycles per tick. `ticks`: tick interrupts handled.
+        now: CPU cycles since the start. `tick`: cycles per tick. `ticks`: the tick count.
+        origin: the cycle at which a tick count that has lost no tick since would have been 0.
         until: where the simulation is to stop. What takes time is not cut there, so `now` may get past it.
         running: the task that has the CPU; it stays among the ready ones. Known from the start on, like `isr`.
         ready: the ready lists.
         delayed: heap of (wake tick, alarm, task); an entry counts only as long as it is the task's alarm.
         devices: heap of (cycle, order, handler, period or None), the interrupts to come.
         handling: the interrupt handler that is being called.
-        switch_wanted: an interrupt has readied a task above the running one.
+        switch_wanted: an interrupt has readied a task above the running one, or a switch was asked for while it was held.
+        critical, suspended: depth of critical sections and of suspensions of the scheduler; held: either of them is above 0.
+        postponed: tasks woken while the scheduler is suspended that are not ready before it is resumed (rule 32).
+        idle, daemon: the idle task; what the timer task works with, if there is one.
         textbook: mutexes follow the textbook's protocols.
         prices: cycles of the services that cost something.
         log: takes rows (time, kind, task, other, value, extra) of the trace, one or several in a row.
@@ -49,19 +57,30 @@ class Core:
     __slots__ = (
         "_room",
         "_sequence",
+        "beat",
         "codes",
         "costs",
+        "critical",
+        "daemon",
         "delayed",
         "devices",
+        "entered",
         "every_tick",
+        "flagged",
         "handling",
+        "held",
+        "idle",
         "isr",
         "journal",
         "log",
         "now",
+        "one_pending",
+        "origin",
+        "postponed",
         "prices",
         "ready",
         "running",
+        "suspended",
         "switch_cost",
         "switch_wanted",
         "textbook",
@@ -71,10 +90,16 @@ class Core:
         "until",
     )
     running: Task
+    idle: Task
     isr: Interrupt
 
-    def __init__(self, tick: int, priorities: int, costs: Costs, time_slicing: bool, most_events: int):
-        self.now, self.tick, self.ticks, self.until = 0, tick, 0, 0
+    def __init__(self, tick: int, priorities: int, costs: Costs, time_slicing: bool, one_pending: bool, most_events: int):
+        self.now, self.tick, self.ticks, self.until, self.origin = 0, tick, 0, 0, 0
+        self.critical = self.suspended = 0
+        self.held, self.one_pending = False, one_pending
+        self.beat, self.flagged, self.entered = 0, False, 0
+        self.postponed: list[Task] = []
+        self.daemon: Daemon | None = None
         self.ready = ReadyLists(priorities)
         self.delayed: list[tuple[int, int, Task]] = []
         self.devices: list[tuple[int, int, Handler, int | None]] = []
@@ -146,16 +171,19 @@ class Core:
             if now >= until:
                 break
             end = now + task.remaining
-            if self.every_tick or (time_slicing and len(rings[task.priority]) > 2):  # as in _tick_due
-                due = tick_due = (self.ticks + 1) * tick
+            if self.held:
+                due = tick_due = self._held_tick_due()
+            elif self.every_tick or (time_slicing and len(rings[task.priority]) > 2):  # as in _tick_due
+                due = tick_due = (self.ticks + 1) * tick + self.origin
             else:
-                due = tick_due = delayed[0][0] * tick if delayed else FOREVER
-            if devices and devices[0][0] < due:
+                due = tick_due = delayed[0][0] * tick + self.origin if delayed else FOREVER
+            if devices and devices[0][0] < due and not self.critical:
                 due = devices[0][0]
             if end < due and end < until:
                 task.remaining = 0
                 self.now = end
-                self.ticks = end // tick  # the ticks passed over meant nothing
+                if not self.held:
+                    self.ticks = (end - self.origin) // tick  # the ticks passed over meant nothing
             elif due < until:
                 if due > now:
                     task.remaining = end - due
@@ -170,18 +198,20 @@ class Core:
         delayed = self.delayed
         while delayed and delayed[0][2].alarm != delayed[0][1]:
             heappop(delayed)
-        if self.switch_wanted:
+        if self.switch_wanted and not self.held:
             return self.now
-        due = min(self._tick_due(), self.devices[0][0] if self.devices else FOREVER)
+        due = min(self._tick_due(), self.devices[0][0] if self.devices and not self.critical else FOREVER)
         return min(max(due, self.now), self.now + self.running.remaining, FOREVER)
 
     # Interrupts
 
     def _tick_due(self) -> int:
         """Cycle of the next tick at which anything can happen: a slice ends or a delayed task wakes."""
+        if self.held:
+            return self._held_tick_due()
         if self.every_tick or (self.time_slicing and len(self.ready.rings[self.running.priority]) > 2):
-            return (self.ticks + 1) * self.tick
-        return self.delayed[0][0] * self.tick if self.delayed else FOREVER
+            return (self.ticks + 1) * self.tick + self.origin
+        return self.delayed[0][0] * self.tick + self.origin if self.delayed else FOREVER
 
     def _handle_interrupts(self, tick_due: int) -> None:
         """All interrupts that are due, a tick before the devices, and then at most one switch (rule 5).
@@ -192,12 +222,13 @@ class Core:
         at, count = self.now, 0
         while True:
             if tick_due <= self.now:
-                self._tick(tick_due // self.tick)
+                self._tick(tick_due)
             else:
-                self.ticks = self.now // self.tick  # the ticks passed over meant nothing
-                if self.devices and self.devices[0][0] <= self.now:
+                if not self.held:
+                    self.ticks = (self.now - self.origin) // self.tick  # the ticks passed over meant nothing
+                if self.devices and self.devices[0][0] <= self.now and not self.critical:
                     self._handle_device()
-                elif self.switch_wanted:
+                elif self.switch_wanted and not self.held:
                     before = self.now
                     self.reschedule()
                     if self.now == before:
@@ -213,11 +244,17 @@ class Core:
                 raise ValueError(f"{count} device interrupts in a row up to cycle {at}; no task gets to run between them")
             tick_due = self._tick_due()
 
-    def _tick(self, ticks: int) -> None:
-        """Wake the tasks that are due in the order of wake time, then of going to sleep; then test the slice (rules 3, 4)."""
-        self.ticks = ticks
+    def _tick(self, due: int) -> None:
+        if self.held:
+            self._hold_tick()
+            return
         if self.every_tick:
             self.spend(self.costs.tick, TICK_COST)
+        self._count((due - self.origin) // self.tick)
+
+    def _count(self, ticks: int) -> None:
+        """Wake the tasks that are due in the order of wake time, then of going to sleep; then test the slice (rules 3, 4)."""
+        self.ticks = ticks
         delayed = self.delayed
         while delayed and delayed[0][0] <= ticks:
             _, alarm, task = heappop(delayed)
@@ -250,10 +287,97 @@ class Core:
             self.log((self.now, OVERHEAD, self.running.code, -1, cycles, cause))
             self.now += cycles
 
+    # Critical sections and the suspended scheduler (rules 28 to 33)
+
+    def hold_interrupts(self) -> None:
+        """Enter a critical section."""
+        if not self.critical:
+            self.entered = self.now
+            self._hold()
+        self.critical += 1
+
+    def let_interrupts_in(self) -> None:
+        """Leave a critical section; the outermost one lets in ticks, then interrupts, then at most one switch (rule 29)."""
+        self.critical -= 1
+        if not self.critical:
+            self.held, self.flagged = self.suspended > 0, False
+            self._handle_interrupts(self._tick_due())
+
+    def hold_switches(self) -> None:
+        """Suspend the scheduler."""
+        if not self.suspended:
+            self._hold()
+        self.suspended += 1
+
+    def let_switches_in(self) -> bool:
+        """Resume the scheduler; True if the outermost resume is to switch (rule 33)."""
+        self.suspended -= 1
+        if self.suspended:
+            return False
+        self.held = self.critical > 0
+        while self.postponed:
+            self.switch_wanted |= self.make_ready(self.postponed[0])
+        until = self.entered if self.critical else self.now
+        for ticks in range(self.ticks + 1, (until - self.origin) // self.tick + 1):
+            self._count(ticks)
+        return self.switch_wanted
+
+    def _hold(self) -> None:
+        if not self.held:
+            self.beat = (self.ticks + 1) * self.tick + self.origin
+        elif not self.every_tick:
+            self.beat = (self.now // self.tick + 1) * self.tick
+        self.held = True
+
+    def _held_tick_due(self) -> int:
+        """Ticks that are held matter only if they are lost or cost something."""
+        return self.beat if (self.one_pending if self.critical else self.every_tick) else FOREVER
+
+    def _hold_tick(self) -> None:
+        """Held by a suspended scheduler, a tick is counted later; in a critical section only one is (rule 28)."""
+        self.beat += self.tick
+        if not self.critical:
+            self.spend(self.costs.tick, TICK_COST)
+        elif self.flagged:
+            self.origin += self.tick
+            self.log((self.now, TICK_LOST, self.isr.code, -1, self.ticks, 0))
+        else:
+            self.flagged = True
+
+    def must_not_be_held(self, task: Task, what: str) -> None:
+        """ValueError if the running task is about to go although nobody else may run."""
+        if self.held:
+            where = "inside a critical section" if self.critical else "while the scheduler is suspended"
+            raise ValueError(f"task {task.name!r} {what} {where}; it must go on to the end of that")
+
     # States; the services are built from these
+
+    def deadline(self, timeout: int | None) -> int:
+        """The tick at which a wait gives up; -1: it does not begin."""
+        return FOREVER if timeout is None else self.ticks + timeout if timeout else -1
+
+    def expired(self, task: Task, deadline: int) -> bool:
+        """Whether a service that could not be had gives up. Once, if abort_delay has cut short a wait of the task (rule 58)."""
+        if deadline < 0:
+            return True
+        if task.aborted:
+            task.aborted = False
+            return True
+        return self.ticks >= deadline
+
+    def admit(self, task: Task, by: int) -> None:
+        """A new task becomes ready."""
+        self.log((self.now, CREATE, task.code, by, task.priority, 0))
+        self.ready.insert(task)
+        if not task.priority:
+            self.idle.remaining = 0
+        self.log((self.now, READIED, task.code, -1, task.priority, 0))
 
     def reschedule(self) -> None:
         """Run the next task of the highest priority; if that is the running one again, nothing has happened."""
+        if self.held:
+            self.switch_wanted = True  # rules 29 and 31
+            return
         self.switch_wanted = False
         task, before = self.ready.select(), self.running
         if task is not before:
@@ -268,10 +392,12 @@ class Core:
             self.ready.remove(task)
         task.alarm = 0
         if task.waits_in is not None:
-            self._leave(task, task.waits_in)
+            self.leave(task, task.waits_in)
         task.state = READY
         self.ready.insert(task)
         priority = task.priority
+        if not priority:
+            self.idle.remaining = 0  # it has to look whether it is alone
         self.log((self.now, READIED, task.code, -1, priority, 0))
         return priority > self.running.priority
 
@@ -279,9 +405,18 @@ class Core:
         """Make the first waiter ready; it has to try again itself (rule 9). True if it is above the running task."""
         task = waiters.pop(0)
         task.waits_for = task.waits_in = None
-        return self.make_ready(task)
+        return self._postpone(task) if self.suspended else self.make_ready(task)
 
-    def block(self, task: Task, until: int, pending: Any, target: Semaphore | Mutex | Queue, waiters: list[Task]) -> None:
+    def rouse(self, task: Task) -> bool:
+        """Make a task ready; for an interrupt and with the scheduler suspended, that is when it is resumed (rule 32)."""
+        return self._postpone(task) if self.suspended and self.handling is not None else self.make_ready(task)
+
+    def _postpone(self, task: Task) -> bool:
+        task.waits_in = self.postponed
+        self.postponed.append(task)
+        return task.priority > self.running.priority
+
+    def block(self, task: Task, until: int, pending: Any, target: Target, waiters: list[Task]) -> None:
         """Take the CPU from the running task until it is woken as a waiter of `target`, or until tick `until`."""
         task.waits_for, task.waits_in = target, waiters
         enqueue(waiters, task)
@@ -291,6 +426,8 @@ class Core:
 
     def sleep(self, task: Task, until: int, pending: Any = None) -> None:
         """Take the CPU from the running task until tick `until`; then it first tries again what is pending."""
+        if self.held:
+            self.must_not_be_held(task, "waits")
         task.pending = pending
         task.state = BLOCKED
         self.ready.remove(task)
@@ -313,19 +450,7 @@ class Core:
         heapify(self.delayed)
         self._room = 64 + 2 * len(self.delayed)
 
-    def suspend(self, task: Task) -> None:
-        """Rules 23 and 24. The service it waited in is tried again after the resume."""
-        if task.state == DELETED:
-            raise ValueError(f"task {task.name!r} is suspended after it has ended; only a task that exists can be suspended")
-        if task.state == READY:
-            self.ready.remove(task)
-        task.alarm = 0
-        if task.waits_in is not None:
-            self._leave(task, task.waits_in)
-        task.awaits_notification = False
-        task.state = SUSPENDED
-
-    def _leave(self, task: Task, waiters: list[Task]) -> None:
+    def leave(self, task: Task, waiters: list[Task]) -> None:
         """Stop waiting for an object without having been woken by it."""
         waiters.remove(task)
         target, task.waits_for, task.waits_in = task.waits_for, None, None
@@ -340,6 +465,8 @@ class Core:
         self.ready.remove(task)
         task.priority = priority
         self.ready.insert(task)
+        if not priority:
+            self.idle.remaining = 0
         self.log((self.now, READIED, task.code, -1, priority, 0))
 
     def is_outranked(self) -> bool:

@@ -35,15 +35,15 @@ from labkit.kernel.checks import whole
 from labkit.kernel.core import Core
 from labkit.kernel.costs import Costs
 from labkit.kernel.interrupts import Interrupt
-from labkit.kernel.objects import FOREVER, Mutex, Queue, Semaphore, Task
+from labkit.kernel.objects import DELETED, FOREVER, Buffer, EventGroup, Mutex, Queue, QueueSet, Semaphore, Task, Timer
 from labkit.kernel.protocols import PROTOCOLS
-from labkit.kernel.requests import Services
+from labkit.kernel.requests import MOST_TICKS, Services
 from labkit.kernel.run import Run, TaskInfo, Wait, find_deadlock
-from labkit.kernel.services import release
-from labkit.trace import CODE, Trace
+from labkit.kernel.services.jobs import release
+from labkit.kernel.services.timers import Daemon, daemon_body, started_early
+from labkit.trace import Trace
 
-CREATE, READIED = CODE["create"], CODE["ready"]
-IDLE, ISR = "IDLE", "ISR"
+IDLE, TIMER, ISR = "IDLE", "TIMER", "ISR"
 
 #: With this, the cycle of the last tick that FreeRTOS can count fits a trace.
 MOST_CYCLES_PER_TICK = 1 << 30
@@ -58,14 +58,20 @@ class Kernel:
     Args:
         cpu_hz: CPU cycles per second. All times are counted in them unless a name says ticks.
         tick_hz: tick interrupts per second; divides `cpu_hz`.
-        priorities: tasks have priorities 1 to priorities - 1, the highest being most urgent; 0 is the idle task's.
+        priorities: tasks have priorities 0 to priorities - 1, the highest being most urgent; 0 they share with the idle task.
         costs: what the kernel itself takes.
         time_slicing: whether tasks of equal priority take turns at every tick.
+        idle_should_yield: whether the idle task goes at once when another task of priority 0 is ready (rule 57).
+        pending_ticks: what a critical section keeps of the ticks in it: "one", as the single pending flag of a Cortex-M does,
+            the others being lost, or "all" (rule 28).
+        timer_priority, timer_queue: priority of the timer task, None for a kernel without timers, and how many commands its
+            queue has room for.
         most_events: a run that makes more ends with a ValueError; a million take 48 MB.
 
     Attributes:
         tick: CPU cycles per tick.
         tasks: handles of the tasks in order of creation; the idle task joins them at the first run.
+        named: the latest task of each name.
         os: what task bodies get as their argument.
     """
 
@@ -77,6 +83,11 @@ class Kernel:
         costs: Costs = FREE,
         time_slicing: bool = True,
         most_events: int = 50_000_000,
+        *,
+        idle_should_yield: bool = True,
+        pending_ticks: str = "one",
+        timer_priority: int | None = None,
+        timer_queue: int = 10,
     ):
         cpu_hz, tick_hz = whole(cpu_hz, 1, "a CPU at", " Hz"), whole(tick_hz, 1, "ticks at", " Hz")
         if cpu_hz % tick_hz:
@@ -85,10 +96,22 @@ class Kernel:
         priorities = whole(priorities, 2, "priorities:", most=64)
         if costs.tick + costs.switch + costs.isr_entry + costs.isr_exit >= self.tick:
             raise ValueError(f"tick, switch and interrupt cost the {self.tick} cycles of a tick and more; no task would run")
+        if pending_ticks not in ("one", "all"):
+            raise ValueError(f"pending_ticks are {pending_ticks!r}; 'one' or 'all' is allowed")
         self.cpu_hz, self.priorities = cpu_hz, priorities
         self.tasks: list[Task] = []
+        self.named: dict[str, Task] = {}
         self._mutexes: list[Mutex] = []
-        self._core = Core(self.tick, priorities, costs, time_slicing, whole(most_events, 1, "most_events"))
+        self._early: list[Timer] = []
+        self._idle_should_yield = idle_should_yield
+        most_events = whole(most_events, 1, "most_events")
+        self._core = Core(self.tick, priorities, costs, time_slicing, pending_ticks == "one", most_events)
+        self._core.idle = Task(IDLE, -1, 0, 0, None, None)
+        self._timer_priority = timer_priority
+        if timer_priority is not None:
+            self._checked_priority(timer_priority, "the timer task")
+            timer_queue = whole(timer_queue, 1, "the timer task's queue has room for", " commands")
+            self._core.daemon = Daemon(Queue("timer commands", -1, timer_queue))
         self._started = self._busy = False
         self._end = 0  # up to where it has been simulated
         self.os = Services(self, self._core)
@@ -157,6 +180,51 @@ class Kernel:
         length = whole(length, 1, f"queue {name!r} has room for", " items")
         return Queue(name, self._new(name), length)
 
+    def queue_set(self, name: str, members: Iterable[Queue | Semaphore], length: int | None = None) -> QueueSet:
+        """Empty queues and semaphores to wait for together, with room for `length` of what is sent to them (None: all)."""
+        members = tuple(members)
+        for member in members:
+            if not isinstance(member, Queue | Semaphore):
+                raise ValueError(f"queue set {name!r} has member {member!r}; queues and semaphores are allowed")
+            if member.container is not None:
+                raise ValueError(f"queue set {name!r} has member {member.name!r}, which is in {member.container.name!r}")
+        length = sum(member.length for member in members) if length is None else length
+        group = QueueSet(name, self._new(name), whole(length, 1, f"queue set {name!r} has room for", " entries"))
+        for member in members:
+            member.container = group
+        return group
+
+    def event_group(self, name: str) -> EventGroup:
+        """24 bits, all 0."""
+        return EventGroup(name, self._new(name))
+
+    def stream_buffer(self, name: str, length: int, trigger: int = 1) -> Buffer:
+        """An empty buffer of `length` bytes; a reader that waits is woken when there are `trigger` of them."""
+        length = whole(length, 1, f"stream buffer {name!r} has room for", " bytes")
+        trigger = whole(trigger, 1, f"stream buffer {name!r} has a trigger level of", " bytes", length)
+        return Buffer(name, self._new(name), length, trigger, 0)
+
+    def message_buffer(self, name: str, length: int, header: int = 4) -> Buffer:
+        """An empty buffer of `length` bytes, of which each message takes `header` beside its own."""
+        header = whole(header, 1, f"message buffer {name!r} takes for a message", " bytes more")
+        length = whole(length, header + 1, f"message buffer {name!r} has room for", " bytes")
+        return Buffer(name, self._new(name), length, 1, header)
+
+    def timer(
+        self, name: str, period: int, callback: Callable[[Services], Any], auto_reload: bool = False, started: bool = False
+    ) -> Timer:
+        """A timer that runs `callback(os)` in the timer task `period` ticks after its start, and then again if `auto_reload`.
+
+        The callback is a plain function, or a generator of requests that do not wait. `started`: before the scheduler runs.
+        """
+        if self._timer_priority is None:
+            raise ValueError(f"timer {name!r}, but there is no timer task; give the kernel a timer_priority")
+        period = whole(period, 1, f"timer {name!r} has a period of", " ticks", MOST_TICKS)
+        timer = Timer(name, self._new(name), period, callback, auto_reload)
+        if started:
+            self._early.append(timer)
+        return timer
+
     def task(
         self,
         name: str,
@@ -173,27 +241,40 @@ class Kernel:
         have its first job, released at 0, and the deadline of that in the trace even if it never ends or never begins.
         """
         if self._started:
-            raise ValueError(f"task {name!r} is created after the start; create all tasks before the first run")
+            raise ValueError(f"task {name!r} is created after the start; from then on tasks create others, by os.create")
+        return self._create(name, body, priority, deadline, stack_free, released)
+
+    def _create(
+        self,
+        name: str,
+        body: Body,
+        priority: int,
+        deadline: int | None = None,
+        stack_free: int | None = None,
+        released: bool = False,
+        by: int = -1,
+    ) -> Task:
         if deadline is not None:
             deadline = whole(deadline, 1, f"task {name!r} has a deadline of", " cycles after its release")
         self._checked_priority(priority, f"task {name!r}")
-        code = self._new(name)
+        before = self.named.get(name)
+        code = before.code if before is not None and before.state == DELETED else self._new(name)
         generator = body(self.os)
         if not isinstance(generator, Generator):
             raise ValueError(f"the body of task {name!r} is no generator function; it must yield its requests")
-        task = self._create(name, code, priority, deadline, stack_free)
+        task = Task(name, code, len(self.tasks) + 1, priority, deadline, stack_free)
+        if before:
+            task.job = before.job  # the jobs of one name are counted on
         task.send = generator.send
+        self._admit(task, by)
         if released:
-            release(self._core, task, 0)
+            release(self._core, task, self.now)
         return task
 
-    def _create(self, name: str, code: int, priority: int, deadline: int | None = None, stack_free: int | None = None) -> Task:
-        task = Task(name, code, len(self.tasks) + 1, priority, deadline, stack_free)
+    def _admit(self, task: Task, by: int = -1) -> None:
         self.tasks.append(task)
-        self._core.log((0, CREATE, code, -1, priority, 0))
-        self._core.ready.insert(task)
-        self._core.log((0, READIED, code, -1, priority, 0))
-        return task
+        self.named[task.name] = task
+        self._core.admit(task, by)
 
     def interrupt(self, at: int, handler: Callable[[Interrupt], Any], every: int | None = None) -> None:
         """A device interrupt at cycle `at`, repeated `every` so many cycles. `handler` is called with an `Interrupt`.
@@ -206,11 +287,13 @@ class Kernel:
         self._core.add_device(at, handler, every)
 
     def _checked_priority(self, priority: int, whose: str) -> int:
-        return whole(priority, 1, f"{whose}: priority", most=self.priorities - 1)
+        return whole(priority, 0, f"{whose}: priority", most=self.priorities - 1)
 
     def _new(self, name: str) -> int:
-        if not isinstance(name, str) or not name or name in self._core.codes or name in (IDLE, ISR):
-            raise ValueError(f"the name {name!r} is taken or no name; each object needs its own, IDLE and ISR are the kernel's")
+        if not isinstance(name, str) or not name or name in self._core.codes or name in (IDLE, TIMER, ISR):
+            raise ValueError(
+                f"the name {name!r} is taken or no name; each object needs its own, {IDLE}, {TIMER} and {ISR} are the kernel's"
+            )
         return self._core.code_of(name)
 
     def run(self, until: int) -> Run:
@@ -219,8 +302,9 @@ class Kernel:
         Errors: as from `advance`.
         """
         self.advance(whole(until, 1, "run until cycle"))
-        infos = tuple(TaskInfo(task.name, task.number, task.created, task.deadline, task.stack_free) for task in self.tasks)
-        return Run(self.trace, infos, self.tick, self.deadlock)
+        latest = self.named.values()
+        infos = (TaskInfo(task.name, task.number, task.created, task.deadline, task.stack_free) for task in latest)
+        return Run(self.trace, tuple(infos), self.tick, self.deadlock)
 
     def advance(self, until: int) -> None:
         """Simulate up to cycle `until`, without it: what is due there, happens in the next call, after any interrupt added now.
@@ -262,7 +346,7 @@ class Kernel:
     @property
     def deadlock(self) -> tuple[Wait, ...]:
         """Who waits for ever at this time, see `Run.deadlock`."""
-        return find_deadlock([task for task in self.tasks if task.name != IDLE], bool(self._core.devices))
+        return find_deadlock([task for task in self.tasks if task.name not in (IDLE, TIMER)], bool(self._core.devices))
 
     def _start(self) -> None:
         base = {task.name: task.base for task in self.tasks}
@@ -271,7 +355,33 @@ class Kernel:
                 if user not in base:
                     raise ValueError(f"mutex {lock.name!r} names {user!r} as a user; the tasks are {', '.join(base) or 'none'}")
                 lock.ceiling = max(lock.ceiling, base[user])
-        self._create(IDLE, self._core.code_of(IDLE), 0).remaining = FOREVER
+        core = self._core
+        core.idle.code, core.idle.number = core.code_of(IDLE), len(self.tasks) + 1
+        core.idle.send = idle_body(core, self._idle_should_yield).send
+        self._admit(core.idle)
+        if core.daemon is not None and self._timer_priority is not None:
+            for timer in self._early:
+                started_early(core.daemon, timer)
+            core.daemon.task = self._create_daemon(core.daemon, self._timer_priority)
         last_of_highest = max(reversed(self.tasks), key=lambda task: task.priority)  # rule 2
-        self._core.start(last_of_highest, Interrupt(self._core, self._core.code_of(ISR)))
+        core.start(last_of_highest, Interrupt(core, core.code_of(ISR)))
         self._started = True
+
+    def _create_daemon(self, daemon: Daemon, priority: int) -> Task:
+        task = Task(TIMER, self._core.code_of(TIMER), len(self.tasks) + 1, priority, None, None)
+        task.send = daemon_body(self._core, daemon)(self.os).send
+        self._admit(task)
+        return task
+
+
+def idle_body(k: Core, should_yield: bool) -> Generator[Any, Any, None]:
+    """The idle task: uses the time that is left, and looks for another task of its priority whenever there may be one."""
+    while True:
+        if should_yield and len(k.ready.rings[0]) > 2:
+            yield _give_way, ()
+        else:
+            yield FOREVER
+
+
+def _give_way(k: Core, idle: Task) -> None:
+    k.reschedule()

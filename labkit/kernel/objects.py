@@ -1,4 +1,4 @@
-"""What the kernel keeps about tasks, locks and queues, and the three kinds of list it keeps them in."""
+"""What the kernel keeps about tasks and what they share, and the lists it keeps the tasks in."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ if TYPE_CHECKING:
     from labkit.kernel.protocols import Protocol
 
 FOREVER = 1 << 62  #: a time, in ticks or cycles, that never comes
+
+NOTIFICATIONS = 3  #: notifications per task, FreeRTOS's configTASK_NOTIFICATION_ARRAY_ENTRIES
 
 READY, BLOCKED, SUSPENDED, DELETED = range(4)  #: in the order of `labkit.trace.kinds.STATES`; the running task is READY
 
@@ -29,17 +31,22 @@ class Task:
         released, next_release: nominal release of the open job, and of the one slept for, in cycles; -1: none.
         waits_for, waits_in: the object it is blocked on, and the list of waiters it stands in.
         held: the mutexes it has taken, oldest first (not those of protocol "none").
+        notified, noted: values of its notifications, and which are pending; awaits: index of the one it waits for, or -1.
+        wants, granted: the bits of an event group it waits for, as (bits, all of them, clear them); what it got, -1: nothing.
+        aborted: the wait for an object was cut short by abort_delay, and no service has given up because of it yet.
     """
 
     __slots__ = (
+        "aborted",
         "alarm",
-        "awaits_notification",
+        "awaits",
         "base",
         "code",
         "computed",
         "created",
         "deadline",
         "due",
+        "granted",
         "held",
         "inherited",
         "job",
@@ -47,6 +54,7 @@ class Task:
         "last_wake",
         "name",
         "next_release",
+        "noted",
         "notified",
         "number",
         "pending",
@@ -59,6 +67,7 @@ class Task:
         "state",
         "waits_for",
         "waits_in",
+        "wants",
     )
 
     def __init__(self, name: str, code: int, number: int, priority: int, deadline: int | None, stack_free: int | None):
@@ -71,12 +80,13 @@ class Task:
         self.result: Any = None
         self.pending: tuple[Callable[..., None], tuple] | None = None
         self.alarm = 0
-        self.waits_for: Semaphore | Mutex | Queue | None = None
+        self.waits_for: Target | None = None
         self.waits_in: list[Task] | None = None
         self.held: list[Mutex] = []
         self.inherited = False  # rule 18: whether its last block found a holder of lower base priority
-        self.notified = 0
-        self.awaits_notification = False
+        self.notified, self.noted, self.awaits = [0] * NOTIFICATIONS, [False] * NOTIFICATIONS, -1
+        self.wants, self.granted = (0, False, False), -1
+        self.aborted = False
         self.last_wake = 0
         self.computed = self.job = self.due = self.released = self.next_release = -1
 
@@ -89,14 +99,15 @@ def _no_body(result: Any) -> NoReturn:
 
 
 class Semaphore:
-    """A binary or counting semaphore: a count up to `length`, and who waits for it."""
+    """A binary or counting semaphore: a count up to `length`, who waits for it, and the queue set it is in."""
 
-    __slots__ = ("code", "count", "length", "name", "waiters")
+    __slots__ = ("code", "container", "count", "length", "name", "waiters")
     kind: ClassVar[str] = "semaphore"
 
     def __init__(self, name: str, code: int, count: int, length: int):
         self.name, self.code, self.count, self.length = name, code, count, length
         self.waiters: list[Task] = []
+        self.container: QueueSet | None = None
 
     def __repr__(self) -> str:
         return f"<{self.kind} {self.name!r}>"
@@ -121,9 +132,9 @@ class Mutex:
 
 
 class Queue:
-    """A queue of at most `length` items, and who waits for room in it or for an item."""
+    """A queue of at most `length` items, who waits for room in it or for an item, and the queue set it is in."""
 
-    __slots__ = ("code", "items", "length", "name", "receivers", "senders")
+    __slots__ = ("code", "container", "items", "length", "name", "receivers", "senders")
     kind: ClassVar[str] = "queue"
 
     def __init__(self, name: str, code: int, length: int):
@@ -131,9 +142,86 @@ class Queue:
         self.items: deque[Any] = deque()
         self.senders: list[Task] = []
         self.receivers: list[Task] = []
+        self.container: QueueSet | None = None
 
     def __repr__(self) -> str:
         return f"<{self.kind} {self.name!r}>"
+
+
+class QueueSet:
+    """Queues and semaphores to wait for together: a queue of those that something was sent to."""
+
+    __slots__ = ("code", "items", "length", "name", "receivers")
+    kind: ClassVar[str] = "queue set"
+
+    def __init__(self, name: str, code: int, length: int):
+        self.name, self.code, self.length = name, code, length
+        self.items: deque[Queue | Semaphore] = deque()
+        self.receivers: list[Task] = []
+
+    def __repr__(self) -> str:
+        return f"<{self.kind} {self.name!r}>"
+
+
+class EventGroup:
+    """Bits that tasks wait for, alone or together; the waiters stand in the order in which they began to wait (rule 48)."""
+
+    __slots__ = ("bits", "code", "name", "waiters")
+    kind: ClassVar[str] = "event group"
+
+    def __init__(self, name: str, code: int):
+        self.name, self.code = name, code
+        self.bits = 0
+        self.waiters: list[Task] = []
+
+    def __repr__(self) -> str:
+        return f"<{self.kind} {self.name!r}>"
+
+
+class Buffer:
+    """A stream buffer of `length` bytes, or a message buffer, whose messages each take `header` bytes more than they have.
+
+    What is in the bytes does not matter here; `level` of them are in use, those of the `messages` in order. One task may wait
+    to read, another to write.
+    """
+
+    __slots__ = ("code", "header", "length", "level", "messages", "name", "reader", "trigger", "writer")
+
+    def __init__(self, name: str, code: int, length: int, trigger: int, header: int):
+        self.name, self.code, self.length, self.trigger, self.header = name, code, length, trigger, header
+        self.level = 0
+        self.messages: deque[int] = deque()
+        self.reader: Task | None = None
+        self.writer: Task | None = None
+
+    @property
+    def room(self) -> int:
+        """Free bytes."""
+        return self.length - self.level
+
+    @property
+    def kind(self) -> str:
+        return "message buffer" if self.header else "stream buffer"
+
+    def __repr__(self) -> str:
+        return f"<{self.kind} {self.name!r}>"
+
+
+class Timer:
+    """A software timer; `expiry` is the tick at which it is due next, as long as it is `active`."""
+
+    __slots__ = ("active", "auto_reload", "callback", "code", "expiry", "name", "period")
+    kind: ClassVar[str] = "timer"
+
+    def __init__(self, name: str, code: int, period: int, callback: Callable[[Any], Any], auto_reload: bool):
+        self.name, self.code, self.period, self.callback, self.auto_reload = name, code, period, callback, auto_reload
+        self.active, self.expiry = False, 0
+
+    def __repr__(self) -> str:
+        return f"<{self.kind} {self.name!r}>"
+
+
+Target = Semaphore | Mutex | Queue | QueueSet | EventGroup  #: what a task can wait for in a list of waiters
 
 
 #: The sentinel that each circular list of ready tasks contains.

@@ -1,5 +1,6 @@
 """What happened: one columnar trace type, its slices and jobs, statistics, readers, exporters, sums for pictures."""
 
+from labkit.trace.fit import Measured, measured
 from labkit.trace.folds import holds, overheads, priorities, ready, runs, waits
 from labkit.trace.jobs import EXCEPTION, MAIN, PARTS, Jobs, Slices, jobs, owners, slices
 from labkit.trace.kinds import CODE, ISR_OPS, KINDS, NOTIFY_ACTIONS, OVERHEADS, STATES, TIMER_COMMANDS
@@ -27,6 +28,7 @@ __all__ = [
     "TIMER_COMMANDS",
     "Jobs",
     "LogError",
+    "Measured",
     "Occupancy",
     "Problem",
     "Report",
@@ -38,6 +40,7 @@ __all__ = [
     "export_npz",
     "holds",
     "jobs",
+    "measured",
     "occupancy",
     "overheads",
     "owners",

@@ -196,7 +196,7 @@ def sizes(batch: int) -> int:
 @pytest.fixture(autouse=True)
 def small_limits(monkeypatch):
     """What a valid input may cost is a matter of the limits, tested where they are; here they are small."""
-    monkeypatch.setattr("labkit.kernel.scenario.MOST_EVENTS", 5000)
+    monkeypatch.setattr("labkit.kernel.scenario.play.MOST_EVENTS", 5000)
     monkeypatch.setattr("labkit.scheduler.taskfile.MOST_JOBS", 2000)
 
 

@@ -1,62 +1,15 @@
-"""delay_until: the rule of the real kernel, its recordings, and the jobs that follow from it."""
-
-import io
-import json
-from pathlib import Path
+"""delay_until: the rule of the real kernel, and the jobs that follow from it."""
 
 import numpy as np
-import pytest
 
-from labkit.kernel import Kernel, write_events, write_timeline
+from labkit.kernel import Kernel
 from labkit.trace.folds import runs
 from labkit.trace.kinds import CODE
-
-RECORDINGS = sorted((Path(__file__).parents[1] / "oracle" / "freertos2").glob("*.json"))
 
 
 def kernel():
     """Ten cycles per tick: small numbers, and room between the ticks."""
     return Kernel(cpu_hz=10_000, tick_hz=1000)
-
-
-def body_of(program):
-    """A task body that carries out the few steps of these recordings."""
-
-    def body(os):
-        since, at = None, 0
-        while at < len(program):
-            step, *arguments = program[at]
-            at += 1
-            if step == "burn":
-                yield os.compute(arguments[0])
-            elif step == "delay":
-                yield os.delay(arguments[0])
-            elif step == "set_last_wake":
-                since = os.ticks + arguments[0]
-            elif step == "delay_until":
-                slept = yield os.delay_until(arguments[0], since=since)
-                since = None
-                at += 0 if slept else arguments[1]
-
-    return body
-
-
-@pytest.mark.parametrize("scenario", RECORDINGS, ids=lambda path: path.stem)
-def test_the_model_does_what_the_real_kernel_did(scenario):
-    data = json.loads(scenario.read_text())
-    k = Kernel(cpu_hz=1000, tick_hz=1000)
-    for task in data["tasks"]:
-        k.task(task["name"], body_of(task["program"]), priority=task["priority"])
-    run = k.run(data["end_tick"])
-    timeline, events = io.StringIO(), io.StringIO()
-    write_timeline(run, timeline)
-    write_events(run, events)
-    assert timeline.getvalue() == scenario.with_suffix(".timeline.csv").read_text()
-    assert events.getvalue() == scenario.with_suffix(".csv").read_text()
-
-
-def test_all_recordings_are_here():
-    assert len(RECORDINGS) == 2
 
 
 def resumed_early():

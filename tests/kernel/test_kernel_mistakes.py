@@ -68,7 +68,7 @@ def test_an_error_in_an_interrupt_handler_is_not_blamed_on_the_task_it_interrupt
         (lambda os: os.take("lock"), "'lock' is no semaphore or mutex"),
         (lambda os: os.send("queue", 1), "'queue' is no queue"),
         (lambda os: os.notify_give("b"), "'b' is no task"),
-        (lambda os: os.set_priority(None, 8), "set_priority to 8; 1 to 7 are allowed"),
+        (lambda os: os.set_priority(None, 8), "set_priority to 8; 0 to 7 are allowed"),
     ],
 )
 def test_a_bad_request_says_what_is_wrong(request_of, message):
@@ -92,7 +92,7 @@ def test_a_bad_request_says_what_is_wrong(request_of, message):
         (lambda: kernel().queue("q", length=0), "room for 0 items"),
         (lambda: kernel().task("IDLE", lambda os: iter(()), priority=1), "'IDLE' is taken"),
         (lambda: kernel().task("a", lambda os: None, priority=1), "no generator function"),
-        (lambda: kernel().task("a", lambda os: None, priority=0), "priority 0; 1 to 7 are allowed"),
+        (lambda: kernel().task("a", lambda os: None, priority=8), "priority 8; 0 to 7 are allowed"),
         (lambda: kernel().task("a", lambda os: None, priority=1, deadline=0), "a deadline of 0 cycles"),
         (lambda: kernel().task("a", lambda os: iter(()), priority=1, deadline=2.5), "a deadline of 2.5 cycles after its release"),
         (lambda: kernel().interrupt(-1, print), "an interrupt at cycle -1; a whole number of at least 0 is allowed"),

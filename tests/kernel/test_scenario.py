@@ -49,7 +49,7 @@ def test_a_scenario_can_be_replayed_under_each_protocol():
 
 
 def test_a_run_with_too_many_events_ends(monkeypatch):
-    monkeypatch.setattr("labkit.kernel.scenario.MOST_EVENTS", 10_000)
+    monkeypatch.setattr("labkit.kernel.scenario.play.MOST_EVENTS", 10_000)
     busy = read_scenario(set_at(("end_tick",), 10_000_000))
     with pytest.raises(ValueError, match="the run makes more than 10000 events, the most that are recorded") as error:
         run_scenario(busy)
@@ -92,10 +92,10 @@ STEP = ("tasks", 0, "program", 0)
         (STEP, ["delay_until", 0], "delay_until: period is 0"),
         (STEP, ["notify_give", "C"], "there is no task 'C'"),
         (STEP, ["notify_take", "all", None, 0], "'all' is not allowed; 'clear' or 'decrement' is"),
-        (STEP, ["set_prio", "self", 8], "set_prio: priority is 8; a whole number from 1 to 7 is allowed"),
+        (STEP, ["set_prio", "self", 8], "set_prio: priority is 8; a whole number from 0 to 7 is allowed"),
         (STEP, ["send", "Q", "first", 0, 0], "item .or 'seq' or 'last'. is 'first'"),
         (STEP, ["overwrite", "Q", 1], "overwrite on queue 'Q' of length 2"),
-        (("tasks", 0, "priority"), 0, "task 'A': priority is 0; a whole number from 1 to 7 is allowed"),
+        (("tasks", 0, "priority"), -1, "task 'A': priority is -1; a whole number from 0 to 7 is allowed"),
         (("tasks", 0, "priority"), "high", "task 'A': priority is 'high'"),
         (("tasks", 0, "loop_from"), 3, "task 'A': loop_from is 3; a whole number from 0 to 2 is allowed"),
         (("tasks", 0, "program"), "burn", "task 'A': program is 'burn'; a list of at most 10000 steps is allowed"),
@@ -110,10 +110,10 @@ STEP = ("tasks", 0, "program", 0)
         (("objects", 0, "name"), "a\nb", r"object 0: name is 'a\\nb'; a text of 1 to 100 printable characters"),
         (("tasks", 0, "name"), "\ud800", r"task 0: name is '\\ud800'; a text of 1 to 100 printable characters"),
         (("tasks", 0, "name"), "x" * 101, "a text of 1 to 100 printable characters"),
-        (("tasks", 0, "priority"), 10**400, r"priority is 10+\.\.\.0+; a whole number from 1 to 7"),
+        (("tasks", 0, "priority"), 10**400, r"priority is 10+\.\.\.0+; a whole number from 0 to 7"),
         (("tasks",), GOOD["tasks"] * 501, "the scenario has 1002 tasks; a list of at most 1000 tasks is allowed"),
         (("isr", 0, "tick"), -4, "isr 0: tick is -4"),
-        (("isr", 0, "op"), "take", "isr 0: op is 'take'; one of notify_give, give, send, resume is allowed"),
+        (("isr", 0, "op"), "burn", "isr 0: op is 'burn'; one of notify_give, notify, resume, give, take, send"),
         (("isr", 0, "target"), "M", "isr 0: give: 'M' is a mutex; a binary or counting is allowed"),
         (("end_tick",), 0, "end_tick is 0"),
         (("end_tick",), KeyError, "the scenario has no end_tick; a whole number from 1 to 10000000 is needed"),
