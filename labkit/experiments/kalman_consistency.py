@@ -48,7 +48,7 @@ class ClaimedError(Experiment[Honesty]):
     """
 
     filter: Annotated[FilterKind, Labels(KINDS), Doc("beside the textbook's")] = "source"
-    q: Density = "0.1"
+    q: Density = "0"
     motion: Annotated[Literal["same", "0", "0.1", "1"], Labels(MOTION), Doc("white noise in the real motion")] = "same"
     steps: Annotated[int, Interval(ge=10, le=200), Unit("measurements"), Doc("after the first one")] = 100
     seed: Annotated[int, Interval(ge=1, le=50), Doc("of the noise")] = 1
@@ -69,20 +69,20 @@ class ClaimedError(Experiment[Honesty]):
         return found
 
     def figure(self, result: Honesty) -> dict[str, Any]:
-        steps = list(range(self.steps + 1))
+        some = np.unique(np.linspace(0, self.steps, 41).astype(int))
+        steps = some.tolist()
         drawn, honest = [], []
         both: tuple[tuple[FilterKind, str], ...] = (("textbook", BLUE), (self.filter, VERMILION))
         for kind, colour in both:
             name = "textbook" if kind == "textbook" and colour == BLUE else f"chosen: {kind}"
-            drawn.append(Curve(f"{name}, real", steps, result.error(kind).tolist(), colour))
-            drawn.append(Curve(f"{name}, claimed", steps, result.claims(kind).tolist(), colour, "dash"))
-            honest.append(Curve(name, steps, result.nees[kind].tolist(), colour))
+            drawn.append(Curve(f"{name}, real", steps, result.error(kind)[some].tolist(), colour))
+            drawn.append(Curve(f"{name}, claimed", steps, result.claims(kind)[some].tolist(), colour, "dash"))
+            honest.append(Curve(name, steps, result.nees[kind][some].tolist(), colour))
         low, high = consistency_band(4, RUNS)
         band = {"type": "rect", "x0": 0, "x1": 1, "xref": "x domain", "y0": low, "y1": high, "fillcolor": GREY, "opacity": 0.35}
         x = axis("measurements", range=[0, self.steps])
-        error = curves(
-            drawn, x, axis("position error [cm]", type="log", range=[-1, 2], tickvals=[0.1, 1, 10, 100]), title="Real and claimed"
-        )
+        size = axis("position error [cm]", type="log", range=[-0.5, 2], tickvals=[0.5, 1, 2, 5, 10, 20, 50])
+        error = curves(drawn, x, size, title="Real and claimed")
         nees = curves(
             honest,
             x,

@@ -11,7 +11,7 @@ from annotated_types import Interval, MultipleOf, Unit
 from typing_extensions import Doc
 
 from labkit.experiment import Experiment, Feedback, Labels, Metric, View
-from labkit.figures import BLUE, GREY, INK, ORANGE, SKY, VERMILION, Curve, Dots, Way, axis, curves, stack, tracks
+from labkit.figures import BLUE, GREEN, GREY, INK, ORANGE, PALE, VERMILION, Curve, Dots, Way, axis, curves, stack, tracks
 from labkit.fusion import (
     COURSES,
     MOTIONS,
@@ -29,7 +29,7 @@ from labkit.fusion import (
 )
 
 RUNS, PERIODS, WARM = 200, 20, 5  # runs behind the numbers; periods of each, and how many of them pass before errors count
-WINDOW = 1.1, 0.72  # m around the element that the map shows, half of it to each side
+WINDOW = 0.9, 0.6  # m around the element that the map shows, half of it to each side
 STAMPS = {"measured": "when it was measured", "read": "when the fusion reads it"}
 
 Speed = Annotated[float, Interval(ge=0, le=3), MultipleOf(0.1), Unit("m/s"), Doc("of the element")]
@@ -130,37 +130,45 @@ class TwoStations(Experiment[Fused]):
     def figure(self, result: Fused) -> dict[str, Any]:
         looks, later = result.looks, result.later
         centre = complex(place(self.course, self.speed, self.time))
-        near = np.abs(looks.truth - centre) < 3 * WINDOW[0]
-        shown = [np.flatnonzero(near & (looks.station == s)) for s in (0, 1)]
+        span = min(7.0, 2 * WINDOW[0] / max(self.speed, 0.01))  # s before and after that the map shows: no second lap
+        near = np.abs(looks.times - self.time) < span
+        periods = near[later]
+        path = place(self.course, self.speed, np.clip(np.linspace(self.time - span, self.time + span, 100), 0, 0.33 * PERIODS))
         covariances = result.variances[near, None, None] * np.eye(2)
-        truth = place(self.course, self.speed, np.linspace(0, 0.33 * PERIODS, 100))
+        now = max(0, int(np.searchsorted(result.stamps[later], self.time, "right")) - 1)
         seen = tracks(
             [
-                Way("where it was", truth, GREY, "dot", 4),
-                Way("average of A and B", result.average[0], ORANGE, marks=True, width=2),
-                Way("filter", result.positions[0, near], BLUE, covariances=covariances, marks=True),
+                Way("where it was", path, PALE, width=8),
+                Way("as measured, one after the other", looks.z[0, near], GREY, "dot", 2),
+                Way("average of A and B", result.average[0, periods], ORANGE, width=2, marks=True),
+                Way("filter", result.positions[0, near], BLUE, covariances=covariances),
             ],
             [
-                Dots("station A", looks.z[0, shown[0]], VERMILION, "square"),
-                Dots("station B", looks.z[0, shown[1]], SKY, "diamond", 11),
+                Dots("station A", looks.z[0, near & (looks.station == 0)], VERMILION, "square"),
+                Dots("station B", looks.z[0, near & (looks.station == 1)], GREEN, "diamond", 11),
+                Dots("now: the element", result.truth[now : now + 1], INK, "star", 17),
+                Dots("average now", result.average[0, now : now + 1], ORANGE, "circle-open", 22, legend=False),
+                Dots("filter now", result.positions[0, later[now : now + 1]], BLUE, "circle-open", 22, legend=False),
             ],
             axis("x [m]", range=[centre.real - WINDOW[0], centre.real + WINDOW[0]]),
             axis("y [m]", range=[centre.imag - WINDOW[1], centre.imag + WINDOW[1]]),
             title="From above",
+            caption="rings: where average and filter say it is now",
             width=1.35,
         )
-        at = looks.times[later]
-        claimed = 100 * np.sqrt(2 * result.variances[later])
+        at = looks.times[later].tolist()
+        claimed = (100 * np.sqrt(2 * result.variances[later])).tolist()
         lines = [
-            Curve("average", at.tolist(), _root(result.average - result.truth), ORANGE),
-            Curve("filter", at.tolist(), _root(result.errors()), BLUE),
-            Curve("claimed by the filter", at.tolist(), claimed.tolist(), INK, "dash"),
+            Curve("average", at, _root(result.average - result.truth), ORANGE),
+            Curve("filter", at, _root(result.errors()), BLUE),
+            Curve("claimed by the filter", at, claimed, INK, "dash"),
         ]
         error = curves(
             lines,
             axis("time [s]", range=[0, 0.33 * PERIODS]),
-            axis("error [cm]", type="log", range=[math.log10(0.5), 2], tickvals=[1, 2, 5, 10, 20, 50, 100]),
-            title="Error over 200 runs",
+            axis("error [cm]", type="log", range=[0, 2], tickvals=[1, 2, 5, 10, 20, 50, 100]),
+            title="Error, 200 runs",
+            caption="dashed: claimed by the filter",
             legend=False,
             shapes=[_cursor(self.time)],
             left=80,
@@ -232,7 +240,7 @@ def check_clocks(answer: int) -> Feedback:
         return TwoStations(speed=3, clock_error=ms).measure("error of the filter")
 
     right, found, more = error(0), error(answer), error(answer + 1)
-    told = f"with clocks that agree {right:.2f} cm, with {answer} ms {found:.2f} cm, {100 * (found / right - 1):.0f} % more"
+    told = f"with clocks that agree {right:.2f} cm, with {answer} ms {found:.2f} cm, {100 * (found / right - 1):.1f} % more"
     return Feedback(found <= 1.1 * right < more, told + ("; one more ms is allowed" if more <= 1.1 * right else ""))
 
 

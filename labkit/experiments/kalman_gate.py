@@ -11,7 +11,7 @@ from typing_extensions import Doc
 
 from labkit.experiment import Experiment, Feedback, Labels, Metric
 from labkit.experiments.kalman_fusion import CourseChoice, Density, Sigma, Speed
-from labkit.figures import BLUE, GREY, INK, PALETTE, VERMILION, Curve, Dots, Way, axis, curves, stack, tracks
+from labkit.figures import BLUE, GREY, INK, PALE, PALETTE, VERMILION, Curve, Dots, Way, axis, curves, stack, tracks
 from labkit.fusion import (
     FIELD,
     Crossing,
@@ -144,7 +144,7 @@ class CrossingElements(Experiment[Followed]):
 
     rule: Annotated[Literal["global", "source", "joint"], Labels(RULES), Doc("who gets which measurement")] = "global"
     elements: Annotated[int, Interval(ge=1, le=6), Doc("that move")] = 4
-    speed: Annotated[float, Interval(ge=0.1, le=1), MultipleOf(0.1), Unit("m/s"), Doc("of each")] = 0.5
+    speed: Annotated[float, Interval(ge=0.1, le=0.5), MultipleOf(0.1), Unit("m/s"), Doc("of each")] = 0.5
     apart: Annotated[float, Interval(ge=0, le=1), MultipleOf(0.1), Unit("m"), Doc("they pass the middle so far off, at most")] = (
         0.3
     )
@@ -191,14 +191,13 @@ class CrossingElements(Experiment[Followed]):
             slots[number % 8] += [*(complex(*step.row[:2]) for step in track.steps), complex(np.nan, np.nan)]
         ways = [Way(f"track {i + 1}", np.array(slot, complex), colour) for i, (slot, colour) in enumerate(zip(slots, PALETTE))]
         truth = np.concatenate([np.append(way, complex(np.nan, np.nan)) for way in result.real.T])
-        side = axis("x [m]", range=[-1.6 * FIELD, 1.6 * FIELD])
+        side = axis("x [m]", range=[-FIELD, FIELD])
         seen = tracks(
-            [Way("elements", truth, GREY, "dot", 5), *ways],
-            [Dots("measured", result.places, INK, size=4)],
+            [Way("elements", truth, PALE, width=9), *ways],
+            [Dots("measured", result.places, GREY, size=4)],
             side,
             axis("y [m]", range=[-FIELD, FIELD]),
             title="From above",
-            width=1.4,
         )
         error = curves(
             [Curve("OSPA", result.times.tolist(), (100 * result.ospa).tolist(), INK)],

@@ -17,14 +17,14 @@ SHARE, CORNERS = 0.95, 33
 
 @dataclass(frozen=True, eq=False)
 class Dots:
-    """Measured places, complex, in m; `text` for the pointer, one for each."""
+    """Places, complex, in m, such as measured ones; `legend`: whether they have an entry there."""
 
     name: str
     places: np.ndarray
     colour: str
     symbol: str = "circle"
     size: int = 9
-    text: Sequence[str] = ()
+    legend: bool = True
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,6 +88,7 @@ def _line(way: Way) -> Spec:
 
 
 def _dots(dots: Dots) -> Spec:
+    filled = not dots.symbol.endswith(("-open", "-thin"))  # with a white rim, so that dots over a line stand apart
     return {
         "type": "scatter",
         "mode": "markers",
@@ -98,10 +99,10 @@ def _dots(dots: Dots) -> Spec:
             "color": dots.colour,
             "symbol": dots.symbol,
             "size": dots.size,
-            "line": {"width": 2 if dots.symbol.startswith("x") else 1, "color": dots.colour if "x" in dots.symbol else "white"},
+            "line": {"width": 1, "color": "white"} if filled else {"width": 3, "color": dots.colour},
         },
-        "customdata": list(dots.text),
-        "hovertemplate": (f"{dots.name}: %{{x:.3f}}, %{{y:.3f}} m{', %{customdata}' if dots.text else ''}<extra></extra>"),
+        "showlegend": dots.legend,
+        "hovertemplate": f"{dots.name}: %{{x:.3f}}, %{{y:.3f}} m<extra></extra>",
     }
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from labkit.fusion.measurements import Measurement
 
-FIELD = 2.0  # m from the middle to each side
+FIELD = 1.8  # m from the middle to each side
 MEETING = 3.3  # s after which all are near the middle
 
 
