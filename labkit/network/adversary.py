@@ -13,11 +13,12 @@ loss is needed.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from itertools import product
-from typing import Literal
+from math import prod
+from typing import Any, Literal
 
 from labkit.checks import whole
 from labkit.network.groups import AccessPoint, Answer, Broadcast, Group, Offer, Packet, Station
@@ -119,7 +120,20 @@ class _Side:
     debts: tuple[tuple[tuple, int], ...] = ()
 
 
-Key = tuple[AccessPoint, tuple[_Side, ...]]
+#: A situation: the numbers of the access point and of each side in `_Search.things`.
+Key = tuple[int, ...]
+#: How a slot went: whether the access point got the answer, and which stations got the broadcast.
+Went = tuple[bool, tuple[bool, ...]]
+
+
+@dataclass(slots=True)
+class _Way:
+    """How a situation is reached: in how many ways, and the one with the fewest losses: how many, from where, and how."""
+
+    count: int
+    losses: int
+    before: Key = ()
+    went: Went = (True, ())
 
 
 def every_pattern(group: Group, adversary: Adversary = "anything", senders: int = 1) -> Found:
@@ -133,89 +147,120 @@ def every_pattern(group: Group, adversary: Adversary = "anything", senders: int 
     point, stations = _begin(group, senders)
     slots = horizon(group, senders)
     search = _Search(group, adversary == "assumption", slots)
-    start: Key = point, tuple(_Side(station) for station in stations)
-    layers: list[dict[Key, tuple[int, int, Key | None, Lost]]] = [{start: (1, 0, None, frozenset())}]
-    latest: tuple[int, int, Key, Lost] | None = None
+    start = tuple(search.number(thing) for thing in (point, *map(_Side, stations)))
+    layers = [{start: _Way(1, 0)}]
+    latest: tuple[int, int, Key, Went] | None = None
     for slot in range(slots):
-        after: dict[Key, tuple[int, int, Key | None, Lost]] = {}
-        for here, (count, losses, _, _) in layers[-1].items():
-            for there, ways, lost, delivers in search.steps(slot, here):
+        after: dict[Key, _Way] = {}
+        for here, way in layers[-1].items():
+            for there, ways, losses, went, delivers in search.steps(slot, here):
+                total = way.losses + losses
                 seen = after.get(there)
-                total = losses + len(lost)
-                if seen is None or total < seen[1]:
-                    after[there] = (count * ways + (seen[0] if seen else 0), total, here, lost)
+                if seen is None:
+                    after[there] = _Way(way.count * ways, total, here, went)
                 else:
-                    after[there] = (seen[0] + count * ways, *seen[1:])
-                if delivers and (latest is None or (slot, -total) > (latest[0], -latest[1])):
-                    latest = slot, total, here, lost
+                    seen.count += way.count * ways
+                    if total < seen.losses:
+                        seen.losses, seen.before, seen.went = total, here, went
+                if delivers and (latest is None or latest[0] < slot or total < latest[1]):
+                    latest = slot, total, here, went
         layers.append(after)
         search.forget()
     outcomes = dict.fromkeys(OUTCOMES, 0)
     fewest: dict[str, tuple[int, Key]] = {}
-    for key, (count, losses, _, _) in layers[-1].items():
-        outcome = _outcome(key)
-        outcomes[outcome] += count
-        if outcome not in fewest or losses < fewest[outcome][0]:
-            fewest[outcome] = losses, key
-    told = {outcome: _pattern(layers, len(layers) - 1, fewest[outcome][1]) for outcome in OUTCOMES if outcome in fewest}
+    for key, way in layers[-1].items():
+        outcome = _outcome(search.things[key[0]], [search.things[side] for side in key[1:]])
+        outcomes[outcome] += way.count
+        if outcome not in fewest or way.losses < fewest[outcome][0]:
+            fewest[outcome] = way.losses, key
+    told = {outcome: _pattern(layers, fewest[outcome][1]) for outcome in OUTCOMES if outcome in fewest}
+    late = _pattern(layers[: latest[0] + 1], latest[2]) | _lost(latest[0], latest[3]) if latest else frozenset()
     situations = sum(len(layer) for layer in layers)
-    late = _pattern(layers, latest[0], latest[2]) | latest[3] if latest else frozenset()
     return Found(group, slots, sum(outcomes.values()), situations, outcomes, told, latest and latest[0] + 1, late)
 
 
-def _pattern(layers: list[dict[Key, tuple[int, int, Key | None, Lost]]], layer: int, key: Key | None) -> Lost:
-    """All losses on the way to a situation."""
-    found: set = set()
-    while layer and key is not None:
-        _, _, key, lost = layers[layer][key]
-        found |= lost
-        layer -= 1
-    return frozenset(found)
+def _pattern(layers: Sequence[Mapping[Key, _Way]], key: Key) -> Lost:
+    """All losses on the way to a situation of the last layer."""
+    found: Lost = frozenset()
+    for slot in range(len(layers) - 2, -1, -1):
+        way = layers[slot + 1][key]
+        found |= _lost(slot, way.went)
+        key = way.before
+    return found
+
+
+def _lost(slot: int, went: Went) -> Lost:
+    heard, got = went
+    return frozenset({(slot, i) for i, there in enumerate(got) if not there} | (set() if heard else {(slot, "answer")}))
 
 
 class _Search:
-    """The steps out of a situation. What a station makes of a broadcast is worked out once for all situations of a slot."""
+    """The steps out of a situation. What becomes of one participant is worked out once for all situations of a slot.
+
+    Attributes:
+        things: all access points and sides that were met; they are dealt with by their numbers, as these are quick to compare.
+    """
 
     def __init__(self, group: Group, assumption: bool, slots: int):
         self.group, self.assumption, self.slots = group, assumption, slots
-        self.point = cache(self._point)
-        self.side = cache(self._side)
+        self.things: list[Any] = []
+        self._numbers: dict[Any, int] = {}
+        self.asked, self.point, self.side = cache(self._asked), cache(self._point), cache(self._side)
+
+    def number(self, thing: Any) -> int:
+        """The number of an access point, side, answer or broadcast; equal ones have the same."""
+        found = self._numbers.setdefault(thing, len(self.things))
+        if found == len(self.things):
+            self.things.append(thing)
+        return found
 
     def forget(self) -> None:
         """The slot is over."""
-        self.point.cache_clear()
-        self.side.cache_clear()
+        for cached in (self.asked, self.point, self.side):
+            cached.cache_clear()
 
-    def steps(self, slot: int, key: Key) -> Iterator[tuple[Key, int, Lost, bool]]:
-        """Each situation after this slot, in how many ways it is reached, one way's losses, and if something is delivered."""
-        point, sides = key
-        source = slot % self.group.stations
-        answer = sides[source].station.answer(slot)
+    def steps(self, slot: int, key: Key) -> Iterator[tuple[Key, int, int, Went, bool]]:
+        """Each situation after this slot, in how many ways it is reached, with how many losses, how, and if one delivers."""
+        source = 1 + slot % self.group.stations
         for heard in (True, False):
-            asked = self._charged(sides[source], [("exchange",)], heard)
+            asked = self.asked(slot, key[source], heard)
             if asked is None:
                 continue
-            after, said = self.point(slot, point, answer if heard else None)
-            choices = []
-            for i, side in enumerate(sides):
-                mine = asked if i == source else side
-                both = ((got, self.side(mine, said, got)) for got in (True, False))
-                choices.append([(got, *found) for got, found in both if found is not None])
-            exchange: Lost = frozenset() if heard else frozenset({(slot, "answer")})
+            side, answer = asked
+            after, said = self.point(slot, key[0], answer)
+            choices = [self.side(side if i == source else mine, said) for i, mine in enumerate(key[1:], 1)]
             for chosen in product(*choices):
-                lost = exchange | {(slot, i) for i, (got, _, _) in enumerate(chosen) if not got}
-                yield (after, tuple(c[1] for c in chosen)), 1 if heard else 2, lost, any(c[2] for c in chosen)
+                gots, sides, delivers, ways = zip(*chosen)
+                losses = len(gots) - sum(gots) + (not heard)
+                yield (after, *sides), prod(ways) * (1 if heard else 2), losses, (heard, gots), any(delivers)
 
-    def _point(self, slot: int, point: AccessPoint, answer: Answer | None) -> tuple[AccessPoint, Broadcast]:
+    def _asked(self, slot: int, number: int, heard: bool) -> tuple[int, int | None] | None:
+        """The side whose slot it is, after poll and answer, and the answer if it is heard; None if it must not be lost."""
+        side = self.things[number]
+        after = self._charged(side, [("exchange",)], heard)
+        if after is None:
+            return None
+        return self.number(after), self.number(side.station.answer(slot)) if heard else None
+
+    def _point(self, slot: int, number: int, answer: int | None) -> tuple[int, int]:
         """The access point after the slot, without what cannot matter any more, and what it says."""
-        after, said = point.hear(slot, answer).say(slot)
+        after, said = self.things[number].hear(slot, None if answer is None else self.things[answer]).say(slot)
         to_come = (self.slots - 1 - slot) // self.group.stations + 1  # exchanges with a station, at most
         silent = tuple(m if (m + to_come) * self.group.stations > self.group.life else 0 for m in after.missed)
         entries = tuple(e if e.verdict is None else replace(e, sent=0, holders=frozenset()) for e in after.entries)
-        return replace(after, missed=silent, entries=entries), said
+        return self.number(replace(after, missed=silent, entries=entries)), self.number(said)
 
-    def _side(self, side: _Side, said: Broadcast, got: bool) -> tuple[_Side, bool] | None:
-        """The station after the broadcast, and if it delivers something; None if the adversary must not lose it."""
+    def _side(self, number: int, saying: int) -> list[tuple[bool, int, bool, int]]:
+        """What may become of a side in a broadcast: if it gets it, the side after, if that delivers, and in how many ways."""
+        there, lost = (self._told(number, saying, got) for got in (True, False))
+        assert there is not None, "what arrives is always allowed"
+        if there == lost:
+            return [(True, *there, 2)]
+        return [(True, *there, 1)] + ([(False, *lost, 1)] if lost else [])
+
+    def _told(self, number: int, saying: int, got: bool) -> tuple[int, bool] | None:
+        """The side after the broadcast, and if it delivers something; None if the adversary must not lose it."""
+        side, said = self.things[number], self.things[saying]
         station = side.station
         told = range(max(station.next, said.first), said.first + len(said.verdicts))
         items: list[tuple] = [("verdict", o, said.slot % self.group.stations) for o in told if said.verdict(o) is not None]
@@ -225,21 +270,17 @@ class _Search:
         if charged is None:
             return None
         if not got:
-            return charged, False
+            return self.number(charged), False
         after, news = station.receive(said)
         begun, stays = side.begun, side.stays
         if station.inside and not after.inside:
             stays = (*stays, (begun, after.next))
         elif after.inside and not station.inside:
             begun = said.since[station.me] or 0
+        held = {("packet", packet.order) for packet in after.held}
+        debts = tuple(d for d in charged.debts if d[0] not in held and (d[0] == ("exchange",) or d[0][1] >= after.next))
         delivered = (*side.delivered, *(packet.order for packet in news))
-        held = {packet.order for packet in after.held}
-        debts = tuple(
-            d
-            for d in charged.debts
-            if d[0] == ("exchange",) or (d[0][1] >= after.next and (d[0][0] == "verdict" or d[0][1] not in held))
-        )
-        return _Side(after, delivered, begun, stays, debts), bool(news)
+        return self.number(_Side(after, delivered, begun, stays, debts)), bool(news)
 
     def _charged(self, side: _Side, items: list[tuple], through: bool) -> _Side | None:
         """The side with these items through, or lost once more; None if one of them was lost as often as it may be."""
@@ -256,9 +297,8 @@ class _Search:
         return replace(side, debts=tuple(sorted(debts.items())))
 
 
-def _outcome(key: Key) -> str:
+def _outcome(point: AccessPoint, sides: Sequence[_Side]) -> str:
     """How it ends, once everybody has waited long enough."""
-    point, sides = key
     delivered, stays = [], []
     for side in sides:
         station, mine, ended = side.station, side.delivered, side.stays

@@ -25,7 +25,7 @@ nobody leaves: all hold it after OD rounds, the last acknowledgement comes OD ro
 hears that in another OD rounds. More is impossible: if anything may be lost, no protocol can promise agreement of *all* within a
 bound (two generals). What can be promised is that who is not in agreement knows.
 
-`labkit.network.adversary` tries all this with every pattern of losses. The other `DELIVERIES` are what one would do without the rule.
+`labkit.network.adversary` tries all this with every pattern of losses. The other `DELIVERIES` do without the rule.
 
 Source 2, section 6.1.3 (the outline); M. Mock, E. Nett, S. Schemmer, EDCC-3 (1999) and IEEE Trans. Computers 52(2) 2003 (the idea
 that decisions travel redundantly). Bounds and the way back into the group are this model's. Left out: a failure of the access
