@@ -93,7 +93,7 @@ class Listings(Experiment[Excerpts]):
         end = result.published.end / 1000
         above = gantt(result.published, ROWS, 0, end, title="Recorded (source 1)")
         below = gantt(result.model, ROWS, 0, end, title="Model")
-        return stack(above, below, height=640, shared=axis("time [ms]", range=[0, end]), keys=KEYS)
+        return stack(above, below, height=520, shared=axis("time [ms]", range=[0, end]), keys=KEYS)
 
     def metrics(self, result: Excerpts) -> list[Metric]:
         names = ("wheel_ctrl, gap between starts", "hal_fetch, gap between starts", "slow task, gap between starts")

@@ -102,8 +102,12 @@ class MicroRosRate(Experiment[Spun]):
     tracing: Annotated[bool, Doc("the tasks that trace, profile and tsink, run too")] = False
     seconds: Annotated[int, Interval(ge=1, le=LONGEST), Unit("s"), Doc("how long")] = LONGEST
     seed: Annotated[int, Interval(ge=1, le=99), Doc("of the random numbers")] = 7
-    start: Annotated[float, Interval(ge=0, le=1000 * LONGEST), Unit("ms"), View(), Doc("where the upper picture begins")] = 100.0
-    end: Annotated[float, Interval(ge=0, le=1000 * LONGEST), Unit("ms"), View(), Doc("where the upper picture ends")] = 108.0
+    start: Annotated[
+        float, Interval(ge=0, le=1000 * LONGEST), MultipleOf(0.05), Unit("ms"), View(), Doc("where the upper picture begins")
+    ] = 100.0
+    end: Annotated[
+        float, Interval(ge=0, le=1000 * LONGEST), MultipleOf(0.05), Unit("ms"), View(), Doc("where the upper picture ends")
+    ] = 108.0
 
     def setup(self) -> MicroRos:
         """Board and host as the model has them."""
@@ -155,7 +159,7 @@ class MicroRosRate(Experiment[Spun]):
             gantt(result.history, ROWS, low, high, height=2.4, x=x),  # the first, since its axis is what a zoom tells
             callbacks(recording, low, high, height=1.6, x={**x, "matches": "x", "title": {"text": "time [ms]"}}),
             rate,
-            height=700,
+            height=580,
             keys=("ready", "waits for lock, queue, signal"),
             meta={"range": ("start", "end")},
         )

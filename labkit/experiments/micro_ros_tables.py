@@ -286,9 +286,11 @@ class QueueOrMiddleware(Experiment[dict[str, tuple[Pair, Pair]]]):
         return stack(panel, height=470, barmode="stack", keys=["measured (source 1)"])
 
     def metrics(self, result: dict[str, tuple[Pair, Pair]]) -> list[Metric]:
-        found = []
+        found = [
+            Metric(f"{name}: mean, difference", made.means, "us", published=round(told.means, 2))
+            for name, (told, made) in result.items()
+        ]
         for name, (told, made) in result.items():
-            found.append(Metric(f"{name}: mean, difference", made.means, "us", published=round(told.means, 2)))
             found.append(Metric(f"{name}: sum, difference", made.sums / 1e3, "ms", published=round(told.sums / 1e3, 3)))
             found.append(
                 Metric(

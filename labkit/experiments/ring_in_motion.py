@@ -74,8 +74,12 @@ class RingInMotion(Experiment[Motion]):
     buffer: Annotated[int, Interval(ge=64, le=1024), MultipleOf(64), Unit("stamps"), Doc("of the temp buffer")] = 512
     form: Form = "text"
     when_full: WhenFull = "wait"
-    start: Annotated[float, Interval(ge=0, le=WINDOW), Unit("ms"), View(), Doc("left edge of the picture")] = 28.0
-    end: Annotated[float, Interval(ge=0, le=WINDOW), Unit("ms"), View(), Doc("right edge of the picture")] = 62.0
+    start: Annotated[float, Interval(ge=0, le=WINDOW), MultipleOf(0.05), Unit("ms"), View(), Doc("left edge of the picture")] = (
+        28.0
+    )
+    end: Annotated[float, Interval(ge=0, le=WINDOW), MultipleOf(0.05), Unit("ms"), View(), Doc("right edge of the picture")] = (
+        62.0
+    )
 
     def run(self) -> Motion:
         path = {

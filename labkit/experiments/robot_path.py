@@ -150,12 +150,12 @@ class PathAgainstRate(Experiment[AtRates]):
     def figure(self, result: AtRates) -> dict[str, Any]:
         hertz = [RATES[name].hertz("wheel_ctrl") for name in RATES]
         x = axis("rate of wheel control [Hz]", type="log", tickvals=hertz, ticktext=list(RATES))
-        error = Curve("path error", hertz, result.error, BLUE)
+        error = Curve("largest path error", hertz, result.error, BLUE)
         late = Curve("late jobs", hertz, result.late, VERMILION, "dash")
         return stack(
-            curves([error], x, axis("largest path error [mm]", rangemode="tozero")),
+            curves([error], x, axis("path error [mm]", rangemode="tozero")),
             curves([late], x, axis("late jobs [%]", range=[-5, 105])),
-            height=560,
+            height=480,
         )
 
     def metrics(self, result: AtRates) -> list[Metric]:

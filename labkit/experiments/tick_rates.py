@@ -13,7 +13,7 @@ from typing_extensions import Doc
 from labkit.data import published_table
 from labkit.experiment import Experiment, Feedback, Labels, Metric, View, progress
 from labkit.figures import SKY, VERMILION, History, Marks, Panel, Steps, axis, gantt, stack, steps
-from labkit.robot import CPU_HZ, PERIODIC, PRIORITIES, RATES, Board, Firmware, OnBlocks, Sink, build, published
+from labkit.robot import CPU_HZ, PERIODIC, PRIORITIES, RATES, Board, Firmware, OnBlocks, Sink, TracePath, build, published
 from labkit.trace import Trace
 
 ROWS = ("tsink", "hal_fetch", "wheel_ctrl", "odometry", "pose_ctrl", "profile", "IDLE")
@@ -138,8 +138,11 @@ def fill_panel(sink: Sink | None, low: float, high: float, **more: Any) -> Panel
     rounds = sink.table() if sink else np.empty((0, 4), np.int64)
     bad = rounds[rounds[:, 2] + rounds[:, 3] > 0, 0] / MS
     bad = bad[(bad >= low) & (bad <= high)][:COLUMNS]
-    lost = Marks("stamps lost", bad, float(sink.capacity if sink else 0), "x", VERMILION)
-    return steps([Steps("bytes in the ring", at, value, SKY)], "ring [bytes]", high, [lost], **more)
+    capacity = sink.capacity if sink else TracePath.capacity
+    lost = Marks("stamps lost", bad, float(capacity), "x", VERMILION)
+    panel = steps([Steps("bytes in the ring", at, value, SKY)], "ring [bytes]", high, [lost], **more)
+    panel.y.update(range=[0, 1.2 * capacity], rangemode="normal", tickvals=[0, capacity // 2, capacity], fixedrange=True)
+    return panel
 
 
 def envelope(time: np.ndarray, value: np.ndarray, low: float, high: float) -> tuple[np.ndarray, np.ndarray]:
@@ -154,7 +157,7 @@ def envelope(time: np.ndarray, value: np.ndarray, low: float, high: float) -> tu
     return np.repeat(time[at], 2), both.ravel()
 
 
-def picture(recording: Recording, low: float, high: float, height: int = 560) -> dict[str, Any]:
+def picture(recording: Recording, low: float, high: float, height: int = 500) -> dict[str, Any]:
     """Who ran, above the fill of the ring, over one axis that can be zoomed."""
     trace = recording.history
     return stack(
@@ -252,8 +255,12 @@ class LongRun(Experiment[Recording]):
     seconds: Annotated[int, Interval(ge=1, le=20), Unit("s"), Doc("length of the recording")] = 1
     caches: Caches = True
     baud: Baud = 12_500_000
-    start: Annotated[float, Interval(ge=0, le=20_000), Unit("ms"), View(), Doc("left edge of the picture")] = 0.0
-    end: Annotated[float, Interval(ge=0, le=20_000), Unit("ms"), View(), Doc("right edge of the picture")] = 20_000.0
+    start: Annotated[float, Interval(ge=0, le=20_000), MultipleOf(0.05), Unit("ms"), View(), Doc("left edge of the picture")] = (
+        0.0
+    )
+    end: Annotated[float, Interval(ge=0, le=20_000), MultipleOf(0.05), Unit("ms"), View(), Doc("right edge of the picture")] = (
+        20_000.0
+    )
 
     @classmethod
     def strategy(cls) -> Any:
