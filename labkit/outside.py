@@ -30,11 +30,14 @@ def _printable(name: str) -> str:
     return name
 
 
+#: Longest name.
+MOST_IN_NAME = 100
+
 #: A name that can stand in a line of output as it is.
 Name = Annotated[
     str,
     AfterValidator(_printable),
-    Field(strict=True, min_length=1, max_length=100, description="a text of 1 to 100 printable characters"),
+    Field(strict=True, min_length=1, max_length=MOST_IN_NAME, description=f"a text of 1 to {MOST_IN_NAME} printable characters"),
 ]
 
 

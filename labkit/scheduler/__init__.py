@@ -38,7 +38,7 @@ from labkit.scheduler.execution import ExecutionModel, fit_log_normal, log_norma
 from labkit.scheduler.jobs import EXCEPTION, MP, Outcome, Releases, trace_of
 from labkit.scheduler.periodic import POLICIES, simulate
 from labkit.scheduler.taft import PRIORITY, run_pairs
-from labkit.scheduler.taskfile import read_schedule, schedule, schedule_rows, write_schedule
+from labkit.scheduler.taskfile import fitted, read_schedule, schedule, schedule_rows, write_schedule
 from labkit.scheduler.tasksets import PeriodicTask, TaskPair, log_uniform_periods, rate_monotonic, uunifast
 
 __all__ = [
@@ -68,6 +68,7 @@ __all__ = [
     "edf_response_times",
     "edf_utilization_test",
     "fit_log_normal",
+    "fitted",
     "hyperbolic_bound",
     "hyperbolic_test",
     "job_responses",

@@ -5,17 +5,18 @@ from __future__ import annotations
 import csv
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from math import ceil, floor
 from typing import IO, Annotated, Any
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict
 
-from labkit.checks import whole
-from labkit.outside import Name, a_list, a_whole, checked
+from labkit.checks import shown, whole
+from labkit.outside import MOST_IN_NAME, Name, a_list, a_whole, checked, one_line
 from labkit.scheduler.jobs import LONGEST
 from labkit.scheduler.periodic import POLICIES, simulate
 from labkit.scheduler.tasksets import PeriodicTask, TaskPair, check_names, deadline_monotonic, rate_monotonic
-from labkit.trace import EXCEPTION, KINDS, MAIN, PARTS, Trace, jobs, owners, slices
+from labkit.trace import EXCEPTION, KINDS, MAIN, PARTS, Trace, jobs, measured, owners, slices
 
 #: Columns of `schedule_rows`.
 ROW = ("task", "job", "part", "event", "start", "end")
@@ -96,6 +97,32 @@ def _pair(entry: _Task) -> TaskPair:
         over = f"exceeds the wcet {entry.wcet} of its main part by {entry.ecet - entry.wcet}"
         raise ValueError(f"task {entry.name!r}: ecet {entry.ecet} {over}")
     return TaskPair(entry.name, entry.ecet, entry.ep_wcet, entry.period, entry.deadline or entry.period, entry.offset)
+
+
+def fitted(trace: Trace) -> dict[str, Any]:
+    """The task set that was measured in a trace of one core, as `read_tasks` takes it: `wcet` is the longest execution seen,
+    `ecet` the 95th percentile, `period` the median; what else was measured stands beside the tasks. In nanoseconds, or in
+    microseconds where the trace has those: execution times rounded up, periods down.
+
+    What was observed is no bound: the longest execution may be still to come. `ep_wcet` cannot be measured.
+
+    Raises:
+        ValueError: several cores, or no task with a period.
+    """
+    tasks, left = measured(trace)
+    if not tasks:
+        why = "; ".join(f"{shown(name)}: {reason}" for name, reason in list(left.items())[:3])
+        raise ValueError(f"no task with a period in it{f' ({why})' if why else ''}")
+    unit, scale = ("us", 1.0) if trace.hz == 1_000_000 else ("ns", 1e9 / trace.hz)
+    entries: list[dict[str, Any]] = []
+    more: dict[str, dict[str, float]] = {}
+    for task in tasks:
+        name, period = one_line(task.name)[:MOST_IN_NAME], floor(task.period * scale + 1e-9)
+        wcet, ecet = (max(1, ceil(time * scale - 1e-9)) for time in (task.c_max, task.c_p95))
+        entries.append({"name": name, "period": max(1, period), "wcet": wcet, "ecet": ecet})
+        counts = {"jobs": task.jobs, "activations": task.activations, "gaps": task.gaps}
+        more[name] = {**counts, "c_max": wcet, "c_p95": ecet, "period": task.period * scale, "jitter": task.jitter * scale}
+    return {"unit": unit, "tasks": entries, "measured": more, "left_out": left}
 
 
 def verdict_of(tasks: TaskSet, policy: str) -> dict[str, Any]:

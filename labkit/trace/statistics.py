@@ -32,6 +32,7 @@ COLUMNS: dict[str, tuple[str, str]] = {
     "rate": ("1/s", "activations per second of the recording"),
     "period": ("us", "interval between consecutive activations, mean"),
     "jitter": ("us", "period jitter: largest |interval - median interval|"),
+    "gaps": ("", "intervals of about two or more periods where most are regular: activations skipped, or their stamps lost"),
     "period_std": ("us", "standard deviation of the intervals"),
     "jobs": ("", "jobs with both a release and a completion (after an abort, that of the exception part)"),
     "response_mean": ("us", "response time, nominal release to completion, mean"),
@@ -106,8 +107,23 @@ def _of_activations(active: Sequence[tuple[np.ndarray, ...]], size: int) -> tupl
     intervals = _intervals(name, time, size)
     median = intervals.median()
     deviation = _Groups(intervals.name, np.abs(intervals.value - median[intervals.name]), size)
-    columns = {"period": intervals.mean(), "jitter": deviation.rank(1), "period_std": intervals.std()}
+    gaps = np.bincount(intervals.name[skipping(intervals.name, intervals.value, median)], minlength=size)
+    columns = {"period": intervals.mean(), "jitter": deviation.rank(1), "gaps": gaps, "period_std": intervals.std()}
     return np.bincount(name, minlength=size), columns
+
+
+def skipping(name: np.ndarray, interval: np.ndarray, median: np.ndarray) -> np.ndarray:
+    """Which intervals are about two or more of the median interval of their name, to a quarter of it, where more than half of its
+    intervals are about one: then it is periodic, and an activation was skipped or its stamp lost.
+
+    Args:
+        name, interval: shape (n,); median: by name.
+    """
+    usual = median[name]
+    times = np.rint(np.divide(interval, usual, out=np.zeros(len(name)), where=usual > 0))
+    near = np.abs(interval - times * usual) <= usual / 4
+    regular = np.bincount(name[near & (times == 1)], minlength=len(median))
+    return near & (times > 1) & (2 * regular > np.bincount(name, minlength=len(median)))[name]
 
 
 def _of_jobs(done: list[tuple[Jobs, int]], size: int) -> tuple[np.ndarray, dict[str, np.ndarray]]:
@@ -130,12 +146,14 @@ def _joined(parts: Sequence[tuple[np.ndarray, ...]]) -> tuple[np.ndarray, ...]:
 def describe(frame: pd.DataFrame) -> str:
     """The statistics as a table for reading: the main columns, without those that tell nothing here."""
     shown = frame.drop(columns=["self_mean", "self_max", "period_std"]).dropna(axis="columns", how="all")
-    counts = ("count", "cut", "jobs", "aborts", "misses")
+    counts = ("count", "cut", "gaps", "jobs", "aborts", "misses")
     shown = shown[[c for c in shown if c not in counts[1:] or shown[c].any()]]
     layout = ["{:.0f}" if c in counts else "{:.2%}" if c == "share" else "{:.1f}" for c in shown]
     shown = shown.rename(index=lambda name: printable(name) if isinstance(name, str) else name)
     text = shown.to_string(formatters=[column.format for column in layout], index_names=False, na_rep="")
     note = "times in us, rate per second; percentiles are observed values; a max is the largest observed, not a guarantee"
+    if "gaps" in shown:
+        note += "\ngaps: intervals of two or more periods; the jitter has them in it, so one lost stamp makes it a whole period"
     return f"{text}\n{note}"
 
 

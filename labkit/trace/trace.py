@@ -154,8 +154,8 @@ class Trace:
         """The part from `start` (included) to `end`: of what happens at `end` only the ends of jobs are in it, unless the
         recording itself ends there.
 
-        Who runs at `start`, and what is left of a kernel overhead then, are kept as rows at `start`; such a switch is from the task
-        to itself.
+        Who runs at `start`, and what is left of a kernel overhead then, are kept as rows at `start`; such a switch is from the
+        task to itself.
         """
         if not self.start <= start <= end <= self.end:
             raise ValueError(f"window {start}..{end} is not inside the recording {self.start}..{self.end}")
