@@ -11,6 +11,7 @@ from typing import Any
 _HOME = {
     "explore": "labkit.bench",
     "predict": "labkit.bench",
+    "guesses": "labkit.bench",
     "sweep": "labkit.sweeping",
     "published": "labkit.data",
     "published_table": "labkit.data",

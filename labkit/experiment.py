@@ -40,7 +40,13 @@ class Superseded(Exception):
 
 @dataclass(frozen=True)
 class View:
-    """Marks a parameter that only changes how a result is shown: a step, a time cursor, a choice of panel. It never simulates."""
+    """Marks a parameter that only changes how a result is shown: a step, a time cursor, a choice of panel. It never simulates.
+
+    Attributes:
+        play: whether it is a step or a time that a reader goes through: the bench then has buttons for back, play and forward.
+    """
+
+    play: bool = False
 
 
 @dataclass(frozen=True)
@@ -106,6 +112,7 @@ class Parameter:
     labels: Mapping[Any, str] | None = None
     max_length: int | None = None
     view: bool = False
+    play: bool = False
 
     @property
     def label(self) -> str:
@@ -146,7 +153,7 @@ def _parameter(name: str, field: Any) -> Parameter:
             case Labels():
                 known["labels"] = item.text
             case View():
-                known["view"] = True
+                known |= {"view": True, "play": item.play}
     kind = field.annotation
     if get_origin(kind) is Literal:
         known["choices"] = get_args(kind)
@@ -170,6 +177,8 @@ class Experiment(BaseModel, Generic[R]):
 
     #: True for a run above about 200 ms: `explore` runs it beside the widgets, shows `progress`, and drops it for a newer value.
     slow: ClassVar[bool] = False
+    #: Names of the metrics, at most three, that stand above the picture; none given: the first three. The others fold away.
+    headline: ClassVar[tuple[str, ...]] = ()
 
     def __init__(self, **values: Any) -> None:
         try:
@@ -264,9 +273,17 @@ class Experiment(BaseModel, Generic[R]):
         of traces for every result.
 
         A trace whose points can be clicked carries `meta={"set": [...]}`, for each point the parameters that a click on it sets.
-        A layout with `meta={"range": (first, last)}` names the two parameters that a zoom or pan of the x axis sets.
+        A layout with `meta={"range": (first, last)}` names the two parameters that a zoom or pan of the x axis sets, one with
+        `meta={"says": text}` has a sentence that stands above the picture: what happens at the step or time it shows; with
+        `"ended": True` beside it there is nothing more to play.
         """
         raise NotImplementedError
+
+    def without_effect(self) -> Mapping[str, str]:
+        """Parameters that change nothing in this position, and when they do, in words: `{"edge": "for a matrix only"}`. A bench
+        greys their controls.
+        """
+        return {}
 
     def metrics(self, result: R) -> Sequence[Metric]:
         """The numbers of the result that are worth a line."""

@@ -16,7 +16,8 @@ from typing import TYPE_CHECKING, Any
 import ipywidgets as w
 
 from labkit.bench.controls import control, on_grid
-from labkit.bench.plot import Plot
+from labkit.bench.plot import Plot, cards
+from labkit.bench.predict import questions_before
 from labkit.experiment import Experiment, Metric, Parameter, ParameterError, Superseded, progress_listener
 
 if TYPE_CHECKING:
@@ -68,12 +69,14 @@ class Bench(w.VBox):
         self.controls = {p.name: control(p, getattr(experiment, p.name)) for p in self._parameters}
         for each in self.controls.values():
             each.observe(self._moved, names="value")
-        self.plot = Plot(self._answer)
+        self._playable = next((p for p in self._parameters if p.play), None)
+        self.plot = Plot(self._answer, self._playable.label if self._playable else "")
         grid = w.Layout(grid_template_columns="repeat(auto-fill, minmax(390px, 1fr))")
         box = w.GridBox(list(self.controls.values()), layout=grid)
         box.add_class("lab-controls")
         super().__init__([box, self.plot])
         self.add_class("lab-bench")
+        questions_before(experiment, self.plot.veil)
         if experiment.slow:
             self._begin(experiment)
         else:  # what fails before anybody moved a control is an error of the cell
@@ -155,7 +158,7 @@ class Bench(w.VBox):
                 self._update()
 
     def _answer(self, content: Mapping[str, Any]) -> None:
-        """A click, a zoom or a reset in the page."""
+        """A click, a zoom, a step of what plays, or a reset in the page."""
         with self._door:
             try:
                 match content:
@@ -165,6 +168,8 @@ class Bench(w.VBox):
                         self.set(**self.spec["data"][trace]["meta"]["set"][point])
                     case {"range": edges}:
                         self._zoom(edges)
+                    case {"step": int(steps)}:
+                        self._go(steps)
             except (ParameterError, LookupError) as error:  # a click on a picture that is no longer the one shown, for example
                 self._refuse(error)
 
@@ -174,6 +179,14 @@ class Bench(w.VBox):
         first, last = (next(p for p in self._parameters if p.name == name) for name in names)
         low, high = edges or (-math.inf, math.inf)
         self.set(**{first.name: _within(first, low), last.name: _within(last, high)})
+
+    def _go(self, steps: int) -> None:
+        """What plays goes some steps forward, if negative back, and with 0 to its beginning."""
+        p = self._playable
+        if p is not None:
+            assert p.low is not None, "what plays is a number"
+            wanted = self.controls[p.name].value + steps * (p.step or 1) if steps else p.low
+            self.set(**{p.name: _within(p, wanted)})
 
     def _update(self) -> None:
         """Get what the controls ask for: from the result there is, if only its view changes, else from a new run."""
@@ -244,7 +257,22 @@ class Bench(w.VBox):
 
     def _replace(self, shown: Shown) -> None:
         self._shown, self._error = shown, ""
-        self.plot.show(shown.figure, shown.metrics, shown.experiment.code())
+        experiment, idle = shown.experiment, shown.experiment.without_effect()
+        for name, each in self.controls.items():
+            each.disabled = name in idle
+        self.plot.show(
+            shown.figure,
+            cards(shown.metrics, experiment.headline),
+            experiment.code(),
+            idle={p.label: idle[p.name] for p in self._parameters if p.name in idle},
+            ended=self._ended(shown),
+        )
+
+    def _ended(self, shown: Shown) -> bool:
+        """Whether what plays is at its end, or at that of the picture."""
+        p = self._playable
+        meta = shown.figure["layout"].get("meta") or {}
+        return p is not None and (getattr(shown.experiment, p.name) >= p.high or bool(meta.get("ended")))
 
     def _refuse(self, error: Exception) -> None:
         self._error = str(error) if isinstance(error, ValueError) else f"{type(error).__name__}: {error}"

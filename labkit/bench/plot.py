@@ -19,6 +19,7 @@ import numpy as np
 from labkit.experiment import Metric
 
 HERE = Path(__file__).parent
+HEADLINES = 3  # cards above a picture
 
 #: dtype -> name of JavaScript's typed array. Integers of 64 bits have none there.
 TYPED = {np.dtype(name): name for name in ("float64", "float32", "int32", "uint32", "int16", "uint16", "int8", "uint8")}
@@ -59,8 +60,10 @@ def _array(array: np.ndarray, buffers: list[memoryview]) -> Any:
     return {"$array": len(buffers) - 1, "dtype": TYPED[array.dtype], "shape": list(array.shape)}
 
 
-def cards(metrics: Sequence[Metric]) -> list[dict[str, Any]]:
-    """What the page writes on the card of each metric."""
+def cards(metrics: Sequence[Metric], headline: Sequence[str] = ()) -> list[dict[str, Any]]:
+    """What the page writes on the card of each metric, and whether it stands above the picture (else it is folded away): those
+    named in `headline`, the first three if that is empty.
+    """
     return [
         {
             "name": m.name,
@@ -72,28 +75,42 @@ def cards(metrics: Sequence[Metric]) -> list[dict[str, Any]]:
             ],
             "good": None if m.good is None else bool(m.good),
             "note": m.note,
+            "headline": m.name in headline if headline else i < HEADLINES,
         }
-        for m in metrics
+        for i, m in enumerate(metrics)
     ]
 
 
 class Plot(anywidget.AnyWidget):
-    """The picture with its cards, code line and error. `answer` gets what the page sends: reset, click or range."""
+    """The picture with its cards, code line and error.
 
-    _esm = HERE / "plot.js"
+    Args:
+        answer: gets what the page sends: reset, click, range or step.
+        plays: what the buttons for back, play and forward go through; "": there are none.
+    """
+
+    _esm = "\n".join((HERE / name).read_text(encoding="utf-8") for name in ("figure.js", "cards.js", "plot.js"))
     _css = HERE / "plot.css"
 
-    def __init__(self, answer: Callable[[dict[str, Any]], None]) -> None:
+    def __init__(self, answer: Callable[[dict[str, Any]], None], plays: str = "") -> None:
         super().__init__()
         self._answer = answer
+        self._plays = plays
         self._shown: dict[str, Any] | None = None
         self._status: dict[str, Any] = {"error": "", "where": "", "progress": None}
+        self._lift: Callable[[], None] | None = None
         self._awaited = False  # until a page has asked, whatever is sent is lost
         self.on_msg(self._received)
 
-    def show(self, figure: dict[str, Any], metrics: Sequence[Metric], code: str) -> None:
-        """Draw all of it, and nothing is wrong or under way any more."""
-        self._shown = {"figure": figure, "cards": cards(metrics), "code": code}
+    def show(self, figure: dict[str, Any], cards: list[dict[str, Any]], code: str, idle: dict[str, str], ended: bool) -> None:
+        """Draw all of it, and nothing is wrong or under way any more.
+
+        Args:
+            figure, cards, code: the picture as a dict, what `cards` made, the line of Python.
+            idle: controls that change nothing now, and when they do, in words.
+            ended: whether what plays is at its end.
+        """
+        self._shown = {"figure": figure, "cards": cards, "code": code, "idle": idle, "ended": ended}
         self._status = {"error": "", "where": "", "progress": None}
         self._send_all()
 
@@ -103,6 +120,17 @@ class Plot(anywidget.AnyWidget):
         if self._awaited:
             self.send({"kind": "status", "status": self._status})
 
+    def veil(self, lift: Callable[[], None] | None) -> None:
+        """Hide all of the bench until its question is decided; `lift` is called when the page asks to see it without a guess.
+        None shows it.
+        """
+        self._lift = lift
+        self._send_veil()
+
+    def _send_veil(self) -> None:
+        if self._awaited:
+            self.send({"kind": "veil", "veiled": self._lift is not None})
+
     def _send_all(self) -> None:
         if not self._awaited:
             return
@@ -111,7 +139,7 @@ class Plot(anywidget.AnyWidget):
             return
         buffers: list[memoryview] = []
         figure = pack(self._shown["figure"], buffers)
-        self.send({"kind": "show", **self._shown, "figure": figure, "status": self._status}, buffers)
+        self.send({"kind": "show", **self._shown, "figure": figure, "plays": self._plays, "status": self._status}, buffers)
 
     def _received(self, _: Any, content: dict[str, Any], __: Any) -> None:
         match content:
@@ -119,6 +147,11 @@ class Plot(anywidget.AnyWidget):
                 self.send({"kind": "plotly"}, [plotly_js()])
             case {"want": "state"}:
                 self._awaited = True
+                if self._lift:
+                    self._send_veil()
                 self._send_all()
+            case {"lift": True}:
+                if self._lift:
+                    self._lift()
             case _:
                 self._answer(content)

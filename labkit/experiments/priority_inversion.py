@@ -9,8 +9,8 @@ from typing import Annotated, Any, Literal
 from annotated_types import Interval, Unit
 from typing_extensions import Doc
 
-from labkit.experiment import Experiment, Feedback, Labels, Metric
-from labkit.figures import Panel, axis, gantt, priorities, stack
+from labkit.experiment import Experiment, Feedback, Labels, Metric, View
+from labkit.figures import Panel, axis, gantt, happening, held, priorities, stack
 from labkit.kernel import Kernel, Run
 from labkit.scheduler import CriticalSection, PeriodicTask, blocking_bounds
 from labkit.trace import runs
@@ -78,6 +78,7 @@ class PriorityInversion(Experiment[tuple[Contest, Contest]]):
     release_H: Annotated[int, Interval(ge=0, le=20), Unit("ms"), Doc("when H starts")] = 3
     release_M: Annotated[int, Interval(ge=0, le=20), Unit("ms"), Doc("when M starts")] = 5
     protocol: Protocol = "freertos"
+    at: Annotated[int, Interval(ge=0, le=80), Unit("ms"), View(play=True), Doc("a time to look at, in both runs")] = 0
 
     def simulate(self, protocol: str) -> Run:
         """One run under a protocol; "semaphore" is a binary semaphore, which has no owner and so no protocol."""
@@ -143,7 +144,12 @@ class PriorityInversion(Experiment[tuple[Contest, Contest]]):
         for title, contest in zip(titles, result, strict=True):
             words = f"{contest.response:g} ms, {contest.blocked:g} ms blocked"
             panels += contest.panels(title, BASE, ("S",), self.horizon(), words)
-        return stack(*panels, height=620, shared=axis("time [ms]", range=[0, self.horizon()]), keys=KEYS)
+        shared = axis("time [ms]", range=[0, held(self.horizon())])
+        says = ". ".join(
+            f"{name}: {happening(contest.run.trace, tuple(BASE), self.at)}"
+            for name, contest in zip(("Semaphore", "Mutex"), result, strict=True)
+        )
+        return stack(*panels, height=520, shared=shared, keys=KEYS, at=self.at, says=f"At {self.at} ms. {says}.")
 
     def metrics(self, result: tuple[Contest, Contest]) -> list[Metric]:
         semaphore, mutex = result

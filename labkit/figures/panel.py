@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from labkit.figures.cursor import cursor
 from labkit.figures.style import FONT, LEGEND, LEGEND_ASIDE, TITLE, VERMILION, Spec, key, layout
 
 #: Width in px for which room between panels side by side is measured: a page gives a picture 1100 to 1560 px, and text that is
@@ -62,6 +63,8 @@ def stack(
     legend: bool = True,
     aside: int = 0,
     bottom: int = NAMED,
+    at: float | None = None,
+    says: str | None = None,
     **more: Any,
 ) -> Spec:
     """Rows of panels as a plotly figure, a dict with `data` and `layout`.
@@ -74,6 +77,8 @@ def stack(
         legend: whether there is one; it has a band of its own at the upper edge.
         aside: width in px of a legend at the right edge instead, for what is stacked: its order is that of the layers.
         bottom: room in px below the lowest row, for its axis.
+        at: where a time cursor stands, through all panels that share their axis.
+        says: a sentence that a bench shows above the picture: what happens there.
         more: other settings of plotly's layout.
     Raises:
         ValueError: a panel has an x axis of its own beside the shared one, or there is no x axis for it.
@@ -96,6 +101,11 @@ def stack(
         edge = bounds[0]
         for panel, across in zip(row, _columns(row, left), strict=True):
             _place(made, panel, bounds, across, shared)
+    meta = {} if says is None else {"says": says}
+    if at is not None:
+        end = (shared or {}).get("range", (at, at))[1]
+        made.shapes.append(cursor(min(at, end)))
+        meta["ended"] = at >= end
     entries = [key(entry) if isinstance(entry, str) else entry for entry in keys]
     return {
         "data": [*made.data, *entries],
@@ -109,6 +119,7 @@ def stack(
                 "legend": LEGEND_ASIDE if aside else LEGEND,
                 "showlegend": legend,
                 **more,
+                "meta": {**meta, **more.get("meta", {})},
             },
         ),
     }

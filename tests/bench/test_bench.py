@@ -11,7 +11,7 @@ from labkit.bench import Bench, explore
 from labkit.bench import bench as module
 from labkit.bench.controls import on_grid
 from labkit.bench.plot import cards, pack
-from labkit.experiment import Metric, ParameterError
+from labkit.experiment import Experiment, Metric, ParameterError
 from labkit.experiments import experiments
 from tests.bench.toys import Rolling, SlowRolling
 
@@ -46,6 +46,12 @@ def plain(figure):
     return unpacked(pack(figure, buffers), buffers)
 
 
+def some_values(experiment: Experiment, name: str) -> tuple:
+    """Two allowed values of a parameter at least."""
+    p = next(p for p in experiment.parameters() if p.name == name)
+    return p.choices or ((False, True) if p.type is bool else (p.type(p.low), p.type(p.high)))
+
+
 def assert_belongs_together(bench: Bench, sent: list) -> None:
     """Parameters, figure, cards and code line shown equal a fresh computation, and so does what the page has."""
     experiment = bench.experiment
@@ -55,8 +61,13 @@ def assert_belongs_together(bench: Bench, sent: list) -> None:
     assert bench.metrics == tuple(experiment.metrics(result))
     shown, buffers = next((each for each in reversed(sent) if each[0]["kind"] == "show"), (None, ()))
     assert json.loads(json.dumps(unpacked(shown["figure"], buffers))) == json.loads(json.dumps(fresh))
-    assert shown["cards"] == cards(bench.metrics) and shown["code"] == experiment.code()
+    assert shown["cards"] == cards(bench.metrics, experiment.headline) and shown["code"] == experiment.code()
     assert sent[-1][0]["status"]["error"] == bench.error
+    idle = experiment.without_effect()
+    assert [name for name, each in bench.controls.items() if each.disabled] == [n for n in bench.controls if n in idle]
+    for name in idle:  # greyed is what changes nothing
+        other = experiment.replace(**{name: next(v for v in some_values(experiment, name) if v != getattr(experiment, name))})
+        assert plain(other.figure(other.run())) == fresh and tuple(other.metrics(other.run())) == bench.metrics
     if not bench.error and not bench.busy:  # then it is also what the controls ask for
         values = {p.name: on_grid(p, bench.controls[p.name].value) for p in experiment.parameters()}
         assert experiment == type(experiment)(**values)
@@ -167,6 +178,24 @@ def test_a_zoom_sets_the_parameters_of_the_axis_within_their_bounds():
     bench.plot._received(None, {"range": [30, 40]}, ())
     bench.plot._received(None, {"range": None}, ())
     assert bench.experiment == Rolling()
+
+
+def test_steps_go_through_what_plays_and_stop_at_its_ends():
+    bench = explore(Rolling, last=98)
+    sent = page_of(bench)
+    for steps, last, ended in ((1, 99, False), (1, 100, True), (1, 100, True), (-1, 99, False), (0, 10, False)):
+        bench.plot._received(None, {"step": steps}, ())
+        assert bench.experiment == Rolling(last=last) and sent[-1][0]["ended"] is ended
+    assert sent[-1][0]["plays"] == "last"
+
+
+def test_a_control_without_effect_is_greyed_and_says_when_it_has_one():
+    bench = explore(Rolling)
+    sent = page_of(bench)
+    assert sent[-1][0]["idle"] == {} and not bench.controls["grip"].disabled
+    bench.controls["floor"].value = "wet"
+    assert sent[-1][0]["idle"] == {"grip": "on a dry floor only"} and bench.controls["grip"].disabled
+    assert_belongs_together(bench, sent)
 
 
 def test_explore_takes_a_class_or_an_experiment_and_validates():
@@ -341,7 +370,14 @@ def test_cards_say_value_bound_and_published():
         "beside": ["bound 2 ns", "published 3 ns"],
         "good": False,
         "note": "why",
+        "headline": True,
     }
+
+
+def test_three_cards_stand_above_unless_others_are_named():
+    metrics = [Metric(name, 1) for name in "abcde"]
+    assert [c["name"] for c in cards(metrics) if c["headline"]] == ["a", "b", "c"]
+    assert [c["name"] for c in cards(metrics, ("e", "b")) if c["headline"]] == ["b", "e"]
 
 
 def test_a_page_that_comes_later_gets_everything():

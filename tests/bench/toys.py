@@ -18,7 +18,7 @@ class Rolling(Experiment[float]):
     floor: Annotated[Literal["dry", "wet"], Doc("surface")] = "dry"
     note: Annotated[str, MaxLen(20), Doc("remark, without a q")] = ""
     first: Annotated[int, Interval(ge=0, le=90), Unit("ms"), Doc("left edge"), View()] = 0
-    last: Annotated[int, Interval(ge=10, le=100), Unit("ms"), Doc("right edge"), View()] = 100
+    last: Annotated[int, Interval(ge=10, le=100), Unit("ms"), Doc("right edge"), View(play=True)] = 100
     runs: ClassVar[list] = []
 
     @field_validator("note")
@@ -28,13 +28,16 @@ class Rolling(Experiment[float]):
             raise ValueError(f"note {note!r} has a q; letters other than q are allowed")
         return note
 
+    def without_effect(self) -> dict[str, str]:
+        return {"grip": "on a dry floor only"} if self.floor == "wet" else {}
+
     def run(self) -> float:
         self.runs.append(self)
         for _ in progress(range(3)):
             pass
         if self.speed == 900 and self.floor == "wet":
             raise RuntimeError("the robot left the table")
-        return self.speed**2 / 2000 / self.grip * (2 if self.floor == "wet" else 1)
+        return self.speed**2 / 2000 * (2 if self.floor == "wet" else 1 / self.grip)
 
     def figure(self, result: float) -> dict:
         if self.first == 13:

@@ -73,11 +73,16 @@ class Notebook:
     def __init__(self, page: Page, external: list[str], shots: Path) -> None:
         self.page, self.external, self._shots = page, external, shots
 
-    def run_all(self, timeout: float = 60_000) -> None:
-        """Run all cells and wait; fails with the errors the cells show. `timeout` in ms."""
+    def run_all(self, timeout: float = 60_000, lift: bool = True) -> None:
+        """Run all cells and wait; fails with the errors the cells show. `timeout` in ms. Benches that wait for a guess are shown
+        without one if `lift` says so.
+        """
         self.page.evaluate(RUN_ALL)
         outcome = self.page.wait_for_function(DONE, timeout=timeout, polling=100).json_value()
         assert outcome == "ok", outcome
+        while lift and self.page.locator(".lab-veil:visible").count():
+            self.page.locator(".lab-lift:visible").first.click()
+            self.page.wait_for_timeout(100)
 
     def cell(self, index: int) -> Locator:
         """Cell by its place in the notebook, text cells counted too, from 0."""

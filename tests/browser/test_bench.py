@@ -15,7 +15,7 @@ import time
 from typing import Annotated, ClassVar
 from annotated_types import Interval, MaxLen
 from typing_extensions import Doc
-from labkit import Experiment, Metric, explore
+from labkit import Experiment, Metric, explore, guesses, predict
 from labkit.experiment import View, progress
 
 class Rolling(Experiment[int]):
@@ -24,6 +24,7 @@ class Rolling(Experiment[int]):
     note: Annotated[str, MaxLen(5), Doc("remark")] = ""
     first: Annotated[int, Interval(ge=0, le=90), Doc("left edge"), View()] = 0
     last: Annotated[int, Interval(ge=10, le=100), Doc("right edge"), View()] = 100
+    step: Annotated[int, Interval(ge=0, le=3), Doc("what plays"), View(play=True)] = 0
 
     def run(self):
         if self.level == 3:
@@ -33,7 +34,8 @@ class Rolling(Experiment[int]):
     def figure(self, result):
         line = {"type": "scatter", "x": [0, 100], "y": [0, result], "mode": "lines"}
         axis = {"range": [self.first, self.last], "title": {"text": "time [ms]"}}
-        return {"data": [line], "layout": {"xaxis": axis, "height": 300, "meta": {"range": ("first", "last")}}}
+        meta = {"range": ("first", "last"), "says": f"step {self.step}"}
+        return {"data": [line], "layout": {"xaxis": axis, "height": 300, "meta": meta}}
 
     def metrics(self, result):
         return [Metric("level", result, "<b>bar</b>")]
@@ -59,13 +61,13 @@ RESTART = "() => { window.jupyterapp.shell.currentWidget.sessionContext.session.
 def bench_of(open_notebook, tmp_path):
     """Open a notebook that ends with this line; the notebook and its bench."""
 
-    def opener(*more: str):
+    def opener(*more: str, lift: bool = True):
         cells = [nbformat.v4.new_code_cell(code.strip()) for code in (ROLLING, *more)]
         metadata = {"kernelspec": {"name": "python3", "display_name": "Python 3 (ipykernel)", "language": "python"}}
         path = tmp_path / "rolling.ipynb"
         nbformat.write(nbformat.v4.new_notebook(cells=cells, metadata=metadata), path)
         nb = open_notebook(path)
-        nb.run_all()
+        nb.run_all(lift=lift)
         nb.figure()
         return nb, nb.page.locator(".lab-bench").last
 
@@ -86,28 +88,92 @@ def test_the_picture_fills_its_bench_whatever_changes_its_size(bench_of):
         return width
 
     before = fills()
-    bench.locator(".lab-lecture-switch").click()
-    fills()
     nb.page.evaluate(SIDE_BAR)
     assert fills() > before + 100
     bench.locator(".lab-lecture-switch").click()
+    nb.page.keyboard.press("Escape")
     nb.page.evaluate(SIDE_BAR)
     assert abs(fills() - before) <= 2
 
 
-def test_text_grows_in_lecture_mode_and_nothing_is_asked_of_the_kernel(bench_of):
-    nb, bench = bench_of()
-    size = """bench => [parseFloat(getComputedStyle(bench.querySelector('.xtitle')).fontSize),
-        bench.querySelector('.lab-plot').clientHeight]"""
-    small = bench.evaluate(size)
+def test_lecture_mode_fills_the_window_and_escape_leaves_it(bench_of):
+    nb, bench = bench_of("explore(Rolling, level=2)")
+    other = nb.page.locator(".lab-bench").first
+    look = """bench => {
+        const box = e => { const { x, y, width, height } = e.getBoundingClientRect(); return [x, y, width, height] };
+        return [box(bench), box(bench.querySelector('.xtitle'))[3], box(bench.querySelector('.main-svg'))] }"""
+    bench.locator(".lab-lecture-switch").focus()
+    before, still = bench.evaluate(look), other.evaluate(look)
     bench.locator(".lab-lecture-switch").press("Enter")  # the key belongs to the button, not to the notebook
     nb.page.wait_for_timeout(600)
-    large = bench.evaluate(size)
-    assert large[0] > 1.3 * small[0] and large[1] > small[1]
+    window, letters, picture = bench.evaluate(look)
+    assert window == [0, 0, 1600, 900] and letters > 1.25 * before[1]
+    assert picture[2] > 1500 and picture[3] > 500 and picture[1] + picture[3] <= 900
+    assert other.evaluate(look) == still
     expect(bench.locator(".lab-lecture-switch")).to_have_attribute("aria-pressed", "true")
-    bench.locator(".lab-lecture-switch").press(" ")
+    nb.page.set_viewport_size({"width": 1366, "height": 768})
     nb.page.wait_for_timeout(600)
-    assert bench.evaluate(size) == small
+    assert bench.evaluate(look)[0] == [0, 0, 1366, 768]
+    nb.page.set_viewport_size({"width": 1600, "height": 900})
+    nb.slider(".lab-bench.lab-lecture .lab-level", "ArrowLeft")
+    code(bench, "Rolling()")
+    nb.page.keyboard.press("Escape")
+    nb.page.wait_for_timeout(600)
+    assert bench.evaluate(look)[0][2:] == before[0][2:]
+    assert not nb.page.locator(".lab-lecture").count()
+
+
+def test_a_pinned_result_stays_behind_the_live_one(bench_of):
+    nb, bench = bench_of()
+    lines = "figure => figure.data.map(trace => [trace.opacity ?? 1, Array.from(trace.y)])"
+    bench.locator(".lab-pin").click()
+    nb.slider(".lab-level", "ArrowRight")
+    code(bench, "Rolling(level=2)")
+    nb.page.wait_for_function("document.querySelector('.lab-picture').dataset.drawn === 'Rolling(level=2)'")
+    assert nb.figure().evaluate(lines) == [[0.3, [0, 1]], [1, [0, 2]]]
+    expect(bench.locator(".lab-metric").first).to_contain_text("2 <b>bar</b>level · was 1 <b>bar</b>")
+    expect(bench.locator(".lab-pinned-code")).to_have_text("pinned: Rolling()")
+    bench.locator(".lab-pin").click()
+    expect(bench.locator(".lab-pinned-code")).to_be_hidden()
+    nb.page.wait_for_function("document.querySelector('.js-plotly-plot').data.length === 1")
+    expect(bench.locator(".lab-metric").first).to_have_text("2 <b>bar</b>level")
+
+
+def test_play_goes_to_the_end_and_steps_go_back_and_forth(bench_of):
+    _, bench = bench_of()
+    expect(bench.locator(".lab-says")).to_have_text("step 0")
+    bench.locator(".lab-play").click()
+    code(bench, "Rolling(step=3)")
+    expect(bench.locator(".lab-says")).to_have_text("step 3")
+    expect(bench.locator(".lab-play")).to_have_text("▶")
+    bench.locator(".lab-back").click()
+    code(bench, "Rolling(step=2)")
+    bench.locator(".lab-forward").click()
+    code(bench, "Rolling(step=3)")
+    bench.locator(".lab-play").click()  # once more, from the beginning
+    code(bench, "Rolling(step=1)")
+
+
+def test_a_question_veils_its_bench_until_it_is_decided(bench_of):
+    ask = 'predict("Which level?", Rolling(level=2), "level")'
+    nb, bench = bench_of(ask, "explore(Rolling, level=2)", "guesses()", lift=False)
+    expect(bench.locator(".lab-veil")).to_be_visible()
+    expect(bench.locator(".main-svg").first).not_to_be_visible()
+    nb.run_all(lift=False)
+    bench = nb.page.locator(".lab-bench").last
+    expect(bench.locator(".lab-veil")).to_be_visible()
+    guess = nb.page.locator(".lab-predict input")
+    guess.fill("minus one")
+    guess.press("Enter")
+    expect(nb.page.locator(".lab-predict")).to_contain_text("is no number that can be compared")
+    expect(bench.locator(".lab-veil")).to_be_visible()
+    guess.fill("2")
+    guess.press("Enter")
+    expect(nb.page.locator(".lab-predict")).to_contain_text("You said 2 <b>bar</b>: right.")
+    expect(bench.locator(".lab-veil")).to_be_hidden()
+    expect(nb.page.locator(".lab-guesses")).to_contain_text("right")
+    nb.run_all(lift=False)  # what was decided stays decided
+    expect(nb.page.locator(".lab-bench").last.locator(".lab-veil")).to_be_hidden()
 
 
 def test_an_error_is_shown_beside_a_stale_picture_and_goes_when_it_is_mended(bench_of):

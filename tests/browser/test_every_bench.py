@@ -49,6 +49,24 @@ FAULTS = """bench => {
     if (bench.scrollWidth > bench.clientWidth + 1) faults.push('wider than its place');
     return faults;
 }"""
+#: What does not fit the window in lecture mode, in words.
+WINDOW_FAULTS = """bench => {
+    const faults = [], box = e => e.getBoundingClientRect(), all = box(bench), picture = box(bench.querySelector('.main-svg'));
+    if (all.left || all.top || all.width !== innerWidth || all.height !== innerHeight) faults.push('does not fill the window');
+    if (bench.scrollHeight > bench.clientHeight + 1 || bench.scrollWidth > bench.clientWidth + 1) faults.push('has to scroll');
+    const cards = [...bench.querySelectorAll('.lab-bar .lab-metric')].map(box);
+    if (cards.length > 3 || new Set(cards.map(c => c.top)).size > 1) faults.push('cards wrap');
+    const code = box(bench.querySelector('.lab-code')), bar = box(bench.querySelector('.lab-bar'));
+    if (picture.bottom > code.top + 1 || code.bottom > innerHeight + 1) faults.push('the picture lies on the code line');
+    if (picture.top < bar.bottom - 1 || picture.right > innerWidth + 1) faults.push('the picture lies on the cards');
+    if (picture.height < 0.45 * innerHeight) faults.push(`the picture is only ${Math.round(picture.height)} px high`);
+    const texts = [...bench.querySelectorAll('.infolayer text, .xaxislayer-above text')].map(t => box(t).height);
+    const letters = Math.min(...texts.filter(height => height > 1));
+    if (letters < innerHeight / 75) faults.push(`letters of ${letters.toFixed(1)} px`);
+    return faults;
+}"""
+WINDOWS = ((1600, 900), (1920, 1080), (1366, 768))
+HEIGHT = 720  # px, at most, of a bench at its defaults
 CARDS = """bench => [...bench.querySelectorAll('.lab-metric')].map(card => [...card.children].map(e => e.textContent))"""
 
 
@@ -95,7 +113,9 @@ def check(bench: Locator, experiment: Experiment, where: str, faults: list[str])
     assert matches([n["text"] for n in notes], [n["text"] for n in fresh["layout"].get("annotations", [])]), (
         f"{what}: other notes"
     )
-    expected = [[c["text"], " · ".join([c["name"], *c["beside"]])] for c in cards(experiment.metrics(result))]
+    written = cards(experiment.metrics(result), experiment.headline)
+    written.sort(key=lambda card: not card["headline"])
+    expected = [[c["text"], " · ".join([c["name"], *c["beside"]])] for c in written]
     assert bench.evaluate(CARDS) == expected, f"{what}: other cards"
     faults += [f"{what}: {fault}" for fault in bench.evaluate(FAULTS)]
 
@@ -134,11 +154,34 @@ def test_every_bench_draws_what_the_model_gives(open_notebook, notebook):
         settled(bench)
         start = experiment = experiment_of(bench)
         check(bench, start, notebook, faults)
+        if (height := bench.bounding_box()["height"]) > HEIGHT:
+            faults.append(f"{notebook}: {start.code()}: {height:.0f} px high")
         for parameter in start.parameters():
-            experiment = move(bench, parameter, experiment)
-            check(bench, experiment, notebook, faults)
+            if parameter.name not in experiment.without_effect():
+                experiment = move(bench, parameter, experiment)
+                check(bench, experiment, notebook, faults)
         bench.locator(".lab-reset").click()
         check(bench, start, notebook, faults)
         assert bench.locator(".lab-error").count() == 0
     assert complaints == []
+    assert faults == []
+
+
+@pytest.mark.parametrize("notebook", NOTEBOOKS)
+def test_every_bench_fits_the_window_in_lecture_mode(open_notebook, notebook):
+    nb = open_notebook(notebook)
+    nb.run_all(180_000)
+    benches = nb.page.locator(".lab-bench")
+    faults: list[str] = []
+    for i in range(benches.count()):
+        bench = benches.nth(i)
+        bench.scroll_into_view_if_needed()
+        settled(bench)
+        bench.locator(".lab-lecture-switch").click()
+        for width, height in WINDOWS:
+            nb.page.set_viewport_size({"width": width, "height": height})
+            nb.page.wait_for_timeout(500)
+            where = f"{notebook}: {bench.locator('.lab-code').inner_text()} at {width}x{height}"
+            faults += [f"{where}: {fault}" for fault in bench.evaluate(WINDOW_FAULTS) + bench.evaluate(FAULTS)]
+        nb.page.keyboard.press("Escape")
     assert faults == []
