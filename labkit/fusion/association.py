@@ -71,8 +71,8 @@ class Rule(Protocol):
 
     @property
     def again(self) -> bool:
-        """Whether a measurement that is left over in the gate of a track is a second look at the same object. It starts a track
-        of its own otherwise.
+        """Whether a measurement that is left over, and in the gate around another one of the same look, is of the same object. It
+        starts a track of its own otherwise.
         """
         ...
 

@@ -1,7 +1,8 @@
 """Tracks of several elements from the measurements of several stations, in order of time.
 
 A look is what one station measured at one time. For each look the tracks are predicted to its time; confirmed tracks are
-associated first, the others with what is left, and a measurement that fits none starts a track.
+associated first, the others with what is left, and a measurement that fits none starts a track. Two measurements of one look that
+are as near to each other as measurements of one place are (by the gate, `Rule.again`) count as two of one object.
 
 - A track is *confirmed* by its third measurement (`confirm`).
 - It is *dropped* when some other track has had five measurements (`drop`) since its own last one. That needs no time limit, so a
@@ -22,7 +23,7 @@ import numpy as np
 
 from labkit.checks import whole
 from labkit.fusion.association import GlobalNearest, Rule, pairs
-from labkit.fusion.filters import Filter, start
+from labkit.fusion.filters import Filter, Forecast, start
 from labkit.fusion.kalman import MOTIONS, Model
 from labkit.fusion.measurements import Measurement
 
@@ -102,8 +103,8 @@ class Tracker:
             free = [i for i, track in enumerate(chosen) if track is None]
             if group and free:
                 self._associate(group, [look[i] for i in free], free, chosen)
-        served = [track for track in chosen if track]
-        taken = [self._second(m, served) if track is None else track for m, track in zip(look, chosen)]
+        served = [(m, track) for m, track in zip(look, chosen) if track]
+        taken = [self._left_over(m, served) if track is None else track for m, track in zip(look, chosen)]
         known = set(map(id, self.tracks))
         for measurement, track in zip(look, taken):
             if id(track) in known:
@@ -126,16 +127,16 @@ class Tracker:
             if owner >= 0:
                 chosen[i] = group[owner]
 
-    def _second(self, measurement: Measurement, served: list[Track]) -> Track:
-        """The track of a measurement that is left over: a second look at an object that is served already, else a new one."""
+    def _left_over(self, measurement: Measurement, served: list[tuple[Measurement, Track]]) -> Track:
+        """The track of a measurement that is left over: that of one of the same look in the same place, else a new one."""
         if self.rule.again and served:
-            found = pairs([track.filter.forecast(self._time) for track in served], [measurement])
-            allowed = self.rule.allowed(found, [self._time - track.filter.time for track in served])[:, 0]
+            found = pairs([Forecast(m.x, m.y, m.xx, m.xy, m.yy) for m, _ in served], [measurement])
+            allowed = self.rule.allowed(found, [0.0] * len(served))[:, 0]
             if allowed.any():
-                return served[int(np.argmin(np.where(allowed, found.cost[:, 0], np.inf)))]
+                return served[int(np.argmin(np.where(allowed, found.cost[:, 0], np.inf)))][1]
         self._started += 1
         track = Track(self._started, self._begin(measurement), [], deque(maxlen=self.drop))
-        served.append(track)
+        served.append((measurement, track))
         return track
 
     def _end_overtaken(self) -> None:

@@ -1,5 +1,6 @@
 """Association and tracks: against brute force, with objects that cross, vanish and never were."""
 
+import csv
 from itertools import permutations
 
 import numpy as np
@@ -8,7 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import chi2
 
+from labkit.data import example
 from labkit.fusion import (
+    Crossing,
     Forecast,
     GlobalNearest,
     JointCompatible,
@@ -18,6 +21,7 @@ from labkit.fusion import (
     gate_squared,
     looks,
     pairs,
+    read_measurements,
     start,
     switches,
     track,
@@ -190,6 +194,24 @@ def test_a_false_detection_is_left_out_and_a_vanished_object_ends():
     first, second = (len(t.steps) for t in found.tracks)
     assert {first, second} == {80, sum(j == 1 and m.time < 6 for j, m in world(2))}
     assert all(row[0] != ghost.time for row in found.rows())
+
+
+def test_two_false_detections_of_one_look_are_not_one_object_unless_they_are_in_one_place():
+    false = [Measurement.equal(0.0, x, 0.0, "A", SIGMA) for x in (0.0, 1.0, 1.05)]
+    later = Measurement.equal(0.16, 0.3, 0.0, "B", SIGMA)  # in the gate of a track whose velocity nobody knows
+    wide = [Measurement.equal(0.16, x, 0.0, "B", SIGMA) for x in (0.3, -0.3)]
+    assert [len(t.steps) for t in track([*false, later], "cv", 0.1).tracks] == [2, 2]
+    assert [len(t.steps) for t in track([false[0], *wide], "cv", 0.1).tracks] == [2, 1]
+
+
+def test_the_sample_file_is_what_its_model_makes_and_three_elements_are_found():
+    world = Crossing(3, 0.5, 0.3, SIGMA, missed=0.1, false=0.05, seed=12)
+    made = sorted((f"{m.time:.3f}", m.station, f"{m.x:.4f}", f"{m.y:.4f}") for look, _ in world.looks(20) for m in look)
+    with open(example("positions.csv"), newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert sorted((row["t_s"], row["station"], row["x_m"], row["y_m"]) for row in rows) == made
+    assert all(float(r["arrived_s"]) == pytest.approx(float(r["t_s"]) + (0.4 if r["station"] == "B" else 0.1)) for r in rows)
+    assert len(track(read_measurements(example("positions.csv"), SIGMA).measurements, "cv", 0.1).tracks) == 3
 
 
 @pytest.mark.parametrize("gap", [1, 10, 1000])

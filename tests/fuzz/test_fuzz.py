@@ -21,7 +21,17 @@ import pytest
 from labkit.__main__ import main, parser
 from labkit.cache import read_trace
 from labkit.data import example
-from labkit.fusion import points, read_scans, run_chain
+from labkit.fusion import (
+    GlobalNearest,
+    JointCompatible,
+    NearestFirst,
+    points,
+    read_measurements,
+    read_scans,
+    run_chain,
+    track,
+    write_estimates,
+)
 from labkit.kernel import Kernel, read_scenario, run_scenario, write_events, write_timeline
 from labkit.outside import read_json
 from labkit.phases import read_chain, windows
@@ -166,6 +176,16 @@ def take_scans(path):
 
 FRAMES = "\n".join([encode_frame(1, -2, 0.5).hex(), encode_frame(0, 1e-300, 9).hex(" "), "00ff", ""]).encode()
 SCENARIOS = ("02_inversion_mutex.json", "07e_send_front_order.json", "08c_notify_timeout_and_task_give.json")
+POSITIONS = b"t_s,x_m,y_m,station,size\n0,0.1,0.2,A,1\n0.16,0.15,0.2,B,1\n0.33,0.2,0.2,A,1\n0.33,4,-2,A,1\n-0.17,0.1,0.2,B,1\n"
+
+
+def take_positions(path):
+    """Whatever has been read can be followed, or is refused for its size or its numbers."""
+    read = read_measurements(path, 0.05)
+    for model, rule in (("cv", GlobalNearest()), ("ca", JointCompatible()), ("cp", NearestFirst())):
+        write_estimates(track(read.measurements, model, 0.1, rule).rows(), io.StringIO())
+
+
 READERS = {
     "log": (damage.damaged, logs, take_log),
     "csv trace": (damage.damaged, csv_traces, lambda path: statistics(read_csv(path))),
@@ -179,6 +199,7 @@ READERS = {
         lambda: [example(name).read_bytes()[:9000] for name in ("scans.csv", "scans_carmen.log")],
         take_scans,
     ),
+    "positions": (damage.damaged, lambda: [POSITIONS], take_positions),
     "references": (damage.damaged_npz, references, read_trace),
 }
 
@@ -234,6 +255,11 @@ COMMANDS = {
         ["check-sink", "--variant", "sequence", "--messages", "1", "--bytes", "2", "--schedule", "lowest", "--budget", "300"],
     ],
     "frames": [["frames", "bursts.txt", "--json"], ["frames", "bursts.txt"]],
+    "track": [
+        ["track", "positions.csv", "--model", "cv", "--q", "0.1", "--sigma", "0.05", "--out", "estimates.csv", "--json"],
+        ["track", "positions.csv", "--q", "1", "--sigma", "0.1", "--out", "e.csv", "--association", "source", "--a-max", "2"],
+        ["track", "positions.csv", "--q", "1", "--sigma", "0.1", "--out", "e.csv", "--association", "joint", "--gate", "0.9"],
+    ],
     "windows": [["windows", "chain.csv", "--period-ns", "50000000", "--reserve-ns", "2000000", "--json"]],
 }
 
@@ -249,6 +275,7 @@ def test_a_command_line_runs_or_says_what_is_wrong(command, batch, tmp_path, mon
         "data.npz": references()[0],
         "chain.csv": CHAIN.encode(),
         "bursts.txt": FRAMES,
+        "positions.csv": POSITIONS,
     }
     ended = {0: 0, 1: 0, 2: 0}
     monkeypatch.chdir(tmp_path)
