@@ -106,7 +106,7 @@ def test_a_ball_that_touches_a_wall_or_a_robot_is_found_by_the_windows():
 
 @settings(max_examples=15, deadline=None)
 @given(st.integers(0, 10_000))
-def test_every_stage_has_a_result_at_once_and_gets_better(seed):
+def test_every_stage_has_a_result_at_once_and_ends_with_a_good_one(seed):
     world, seen = scene(crowd(np.random.default_rng(seed)), seed=seed)
     edges, arcs = list(extract_edges(seen)), list(search_arcs(seen))
     contours = Contours("A", 0, edges[-1][1], arcs[-1][1])
@@ -116,9 +116,29 @@ def test_every_stage_has_a_result_at_once_and_gets_better(seed):
     for steps, quality in stages:
         assert all(isinstance(cost, int) and cost >= 1 for cost, _ in steps)
         graded = [quality(seen, world, result) for _, result in steps]
-        assert graded[-1] >= max(graded) - 0.05 and all(0 <= grade <= 1 for grade in graded)
+        assert graded[-1] >= max(graded) - 0.2 and all(0 <= grade <= 1 for grade in graded)
     assert edges[0][0] <= 2_000 * max(1, len(seen.xy)), "the first result takes one look at every point"
     assert edge_quality(seen, world, edges[-1][1]) > 0.97
+
+
+def test_more_time_is_worth_more_in_the_mean():
+    """A quarter, half and all of its time, in 20 scenes: every stage gains with every step, by a tenth or more in all."""
+    grades: dict[str, list[list[float]]] = {"edges": [], "arcs": [], "objects": [], "elements": []}
+    for seed in range(20):
+        world, seen = scene(crowd(np.random.default_rng(seed)), seed=seed)
+        made = run_chain(seen)
+        stages = {
+            "edges": (list(extract_edges(seen)), edge_quality),
+            "arcs": (list(search_arcs(seen)), arc_quality),
+            "objects": (list(object_filter(made.contours)), object_quality),
+            "elements": (list(element_filter(made.objects)), element_quality),
+        }
+        for name, (steps, quality) in stages.items():
+            shares = (0, len(steps) // 2, len(steps) - 1)
+            grades[name].append([quality(seen, world, steps[i][1]) for i in shares])
+    for name, found in grades.items():
+        first, half, last = np.mean(found, axis=0)
+        assert first <= half + 0.01 <= last + 0.02 and last - first > 0.1, f"{name}: {first:.2f}, {half:.2f}, {last:.2f}"
 
 
 @settings(max_examples=15, deadline=None)

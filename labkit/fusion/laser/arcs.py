@@ -12,6 +12,7 @@ the split into two parts.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 
@@ -24,6 +25,7 @@ LEAST = 4  # points of an arc with a known radius
 LEAST_FREE = LEAST_HIDDEN = 8  # of one without, and of one that is part of a larger group: enough to tell it from a corner
 FREE_RADII = 0.04, 0.40  # m
 CURVED, ROUND = 0.6, 0.9  # a circle's error is at most this share of a line's, and of that of the two lines of a corner
+SMALL = 3.0  # radii: the diagonal of what shows of a ball alone is no longer, from whatever sides it is seen
 FIT_VISITS = 12  # visits to a point by one fit: its rounds and the two errors
 Found = tuple[np.ndarray, float, np.ndarray]  # centre, radius, indices of the points
 
@@ -34,7 +36,7 @@ def search_arcs(points: Points, settings: Settings | None = None) -> Iterator[tu
     xy, away = points.xy, _away(points)
     every = [group for group in groups(points, settings) if len(group) >= LEAST]
     wide = [float(np.hypot(*np.ptp(xy[group], axis=0))) for group in every]
-    small = [group for group, width in zip(every, wide, strict=True) if width <= 2.4 * settings.ball]
+    small = [group for group, width in zip(every, wide, strict=True) if width <= SMALL * settings.ball]
     found: dict[int, Found] = {}
     for group in small:
         found[int(group[0])] = xy[group].mean(axis=0) + 0.7 * settings.ball * away[group].mean(axis=0), settings.ball, group
@@ -44,7 +46,7 @@ def search_arcs(points: Points, settings: Settings | None = None) -> Iterator[tu
         if width <= 2.2 * FREE_RADII[1]:
             visits, kept = 0, None
             for part in (group, group[1:], group[:-1], group[1:-1]):  # a mixed pixel is at an end
-                if kept is None and len(part) >= LEAST:
+                if kept is None and len(part) >= LEAST and width <= SMALL * settings.ball:
                     visits += FIT_VISITS * len(part)
                     kept = _with_known_radius(xy, away, part, settings)
             if kept is None and len(group) >= LEAST_FREE:
@@ -53,7 +55,7 @@ def search_arcs(points: Points, settings: Settings | None = None) -> Iterator[tu
             found.pop(int(group[0]), None)
             if kept is not None:
                 found[int(group[0])] = kept
-            yield visits * VISIT_NS, _arcs(xy, found)
+            yield max(1, visits) * VISIT_NS, _arcs(xy, found)
 
     for group, width in zip(every, wide, strict=True):
         if int(group[0]) in found or width <= 2.2 * settings.ball:
@@ -71,23 +73,38 @@ def _away(points: Points) -> np.ndarray:
 
 
 def _off_line(xy: np.ndarray) -> np.ndarray:
-    """Root mean square distance of the points (..., n, 2) from their best line: the square root of the smaller eigenvalue."""
-    p = xy - xy.mean(axis=-2, keepdims=True)
-    a, b, d = (p[..., 0] ** 2).mean(axis=-1), (p[..., 0] * p[..., 1]).mean(axis=-1), (p[..., 1] ** 2).mean(axis=-1)
-    return np.sqrt(np.maximum((a + d) / 2 - np.sqrt((a - d) ** 2 / 4 + b**2), 0))
+    """Root mean square distance of the points (..., n, 2) from their best line."""
+    x, y = np.moveaxis(xy - xy[..., :1, :], -1, 0)
+    sums = [q.sum(axis=-1) for q in (x, y, x * x, x * y, y * y)]
+    return np.sqrt(_squares(xy.shape[-2], *sums) / xy.shape[-2])
 
 
-def _bearable(xy: np.ndarray, most: float) -> np.ndarray:
-    """The largest error of a circle with which points (..., n, 2) are rather round than straight or a corner, `most` at most.
+def _off_corner(xy: np.ndarray) -> np.ndarray:
+    """The same for the best two lines that share the points between them, at least three each: all splits from running sums."""
+    count = xy.shape[-2]
+    x, y = np.moveaxis(xy - xy[..., :1, :], -1, 0)
+    running = [np.cumsum(q, axis=-1) for q in (x, y, x * x, x * y, y * y)]
+    first = [q[..., 2:-3] for q in running]
+    second = [q[..., -1:] - one for q, one in zip(running, first, strict=True)]
+    size = np.arange(3, count - 2)
+    return np.sqrt((_squares(size, *first) + _squares(count - size, *second)).min(axis=-1) / count)
 
-    A corner is the best two lines that share the points between them, if there are enough to tell.
+
+def _squares(n: Any, x: Any, y: Any, xx: Any, xy: Any, yy: Any) -> Any:
+    """Sum of the squared distances of n points from their best line, from sums over them: the smaller eigenvalue."""
+    a, b, d = xx - x * x / n, xy - x * y / n, yy - y * y / n
+    return np.maximum((a + d) / 2 - np.sqrt((a - d) ** 2 / 4 + b * b), 0)
+
+
+def _round(xy: np.ndarray, error: np.ndarray, settings: Settings) -> np.ndarray:
+    """Whether a circle with this error is good, and points (..., n, 2) are rather round than straight or a corner.
+
+    With few points a corner cannot be told.
     """
-    bearable, count = np.minimum(most, CURVED * _off_line(xy)), xy.shape[-2]
-    if count >= LEAST_HIDDEN:
-        for n in range(3, count - 2):
-            two = (n * _off_line(xy[..., :n, :]) ** 2 + (count - n) * _off_line(xy[..., n:, :]) ** 2) / count
-            bearable = np.minimum(bearable, ROUND * np.sqrt(two))
-    return bearable
+    good = (error <= settings.arc) & (error <= CURVED * _off_line(xy))
+    if good.any() and xy.shape[-2] >= LEAST_HIDDEN:
+        good &= error <= ROUND * _off_corner(xy)
+    return good
 
 
 def _with_known_radius(xy: np.ndarray, away: np.ndarray, group: np.ndarray, settings: Settings) -> Found | None:
@@ -97,7 +114,7 @@ def _with_known_radius(xy: np.ndarray, away: np.ndarray, group: np.ndarray, sett
     error = off_circle(p, centre, settings.ball)
     several = np.hypot(*outward) < 0.9  # seen from several sides: the middle of the points is no sign of the bulge
     bulges = several or (centre - mean) @ outward > 0
-    return (centre, settings.ball, group) if error <= _bearable(p, settings.arc) and bulges else None
+    return (centre, settings.ball, group) if bulges and _round(p, error, settings) else None
 
 
 def _with_free_radius(xy: np.ndarray, away: np.ndarray, group: np.ndarray, settings: Settings) -> Found | None:
@@ -107,7 +124,7 @@ def _with_free_radius(xy: np.ndarray, away: np.ndarray, group: np.ndarray, setti
         return None
     error = off_circle(p, centre, radius)
     bulges = (centre - mean) @ away[group].mean(axis=0) > 0
-    return (centre, float(radius), group) if error <= _bearable(p, settings.arc) and bulges else None
+    return (centre, float(radius), group) if bulges and _round(p, error, settings) else None
 
 
 def _in_windows(points: Points, away: np.ndarray, group: np.ndarray, settings: Settings) -> Iterator[tuple[int, list[Found]]]:
@@ -138,7 +155,7 @@ def _in_windows(points: Points, away: np.ndarray, group: np.ndarray, settings: S
             p, rows = p[fits], rows[fits]
             centre = known_radius(p, radius, p.mean(axis=1) + 0.7 * radius * away[rows].mean(axis=1))
             error = off_circle(p, centre, radius)
-            good = error <= _bearable(p, settings.arc)
+            good = _round(p, error, settings)
             candidates += zip(error[good].tolist(), centre[good], rows[good], strict=True)
             visits += FIT_VISITS * p.shape[0] * width
         yield visits, _apart(candidates, radius)

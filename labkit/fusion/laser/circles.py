@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-ROUNDS = 10  # of Gauss-Newton; from a start within half a radius, changes are below a micrometre long before
+ROUNDS, NEGLIGIBLE = 10, 1e-9  # of Gauss-Newton, at most, and the step in m at which it ends
 
 
 def kasa(xy: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -53,18 +53,21 @@ def known_radius(xy: np.ndarray, radius: float, start: np.ndarray) -> np.ndarray
 
     The start decides on which side of a short arc the centre is looked for.
     """
-    c = np.array(start, dtype=float)
+    px, py = np.moveaxis(np.asarray(xy, dtype=float), -1, 0)
+    x, y = np.moveaxis(np.array(start, dtype=float)[..., None, :], -1, 0)  # a trailing axis for the points
     for _ in range(ROUNDS):
-        away = c[..., None, :] - xy
-        distance = np.maximum(np.sqrt((away**2).sum(axis=-1)), 1e-12)
-        u, error = away / distance[..., None], distance - radius
-        (a, b), (_, d) = _moments(u)
-        gx, gy = ((u[..., i] * error).mean(axis=-1) for i in (0, 1))
+        ux, uy = x - px, y - py
+        distance = np.maximum(np.sqrt(ux * ux + uy * uy), 1e-12)
+        ux, uy, error = ux / distance, uy / distance, distance - radius
+        a, b, d, gx, gy = (q.sum(axis=-1, keepdims=True) for q in (ux * ux, ux * uy, uy * uy, ux * error, uy * error))
         det = np.maximum(a * d - b * b, 1e-9)
-        step = np.stack([d * gx - b * gy, a * gy - b * gx], axis=-1) / det[..., None]
-        length = np.maximum(np.sqrt((step**2).sum(axis=-1, keepdims=True)), 1e-30)
-        c = c - step * np.minimum(1, radius / length)  # never further than a radius at once
-    return c
+        dx, dy = (d * gx - b * gy) / det, (a * gy - b * gx) / det
+        length = np.sqrt(dx * dx + dy * dy)
+        held = np.minimum(1, radius / np.maximum(length, 1e-30))  # never further than a radius at once
+        x, y = x - dx * held, y - dy * held
+        if length.max(initial=0) < NEGLIGIBLE:
+            break
+    return np.concatenate([x, y], axis=-1)
 
 
 def off_circle(xy: np.ndarray, centre: np.ndarray, radius: float | np.ndarray) -> np.ndarray:
