@@ -14,7 +14,7 @@ from labkit.figures import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, SKY, VERMILIO
 from labkit.network import MODES, Clock, GilbertElliott, Member, Mode, Rule, SyncRun, precision_bound, synchronise
 
 US, MS, S = 1_000, 1_000_000, 1_000_000_000
-COLOURS = (INK, BLUE, VERMILION, GREEN, ORANGE, PURPLE, SKY, "#8B5A2B", YELLOW, "#7A5195")
+COLOURS = (INK, BLUE, GREEN, ORANGE, PURPLE, SKY, "#8B5A2B", YELLOW, "#7A5195", GREY)
 POINTS = 500  # of a line: more are reduced to the lowest and the highest value of a column
 MARKS = 700  # lost indications that are drawn one by one
 
@@ -71,13 +71,12 @@ class ClockSync(Experiment[SyncRun]):
 
     def figure(self, result: SyncRun) -> dict[str, Any]:
         times, apart = result.spread()
-        against = [result.against(station) for station in range(10) if station < self.stations]
-        height = nice(1.15 * max([self.bound() if self.claims() else 0.0, *(np.abs(d).max() / US for _, d in against)]))
-        lines = []
-        for station in range(1, 10):
-            t, d = against[station] if station < self.stations else (np.empty(0), np.empty(0))
-            name = f"{self.rates()[station]:+g} ppm" if station < self.stations else ""
-            lines.append(_line(name, t, d, COLOURS[station], station < self.stations))
+        against = [result.against(station) for station in range(self.stations)]
+        bound_us = self.bound() if self.claims() else 0.0
+        height = nice(1.1 * max(bound_us, apart.max() / US))
+        ahead = nice(1.1 * max(bound_us / 2, *(np.abs(d).max() / US for _, d in against)))
+        against += [(np.empty(0), np.empty(0))] * (len(COLOURS) - self.stations)  # always the same number of lines
+        lines = [_line(self._named(i), *against[i], COLOURS[i], i < self.stations) for i in range(1, len(COLOURS))]
         bound = {
             "type": "scatter",
             "mode": "lines",
@@ -87,26 +86,25 @@ class ClockSync(Experiment[SyncRun]):
             "line": {"color": GREY, "width": 4, "dash": "dash"},
             "hovertemplate": "bound: %{y:.1f} us<extra></extra>",
         }
-        y = {"fixedrange": True}
-        remark = (
-            ""
-            if result.kept()
-            else f"more lost in a row than OD = {self.omission_degree}"
-            if result.master_stays()
-            else "master dead"
-        )
+        if result.kept():
+            remark = ""
+        else:
+            remark = f"more than OD = {self.omission_degree} lost in a row" if result.master_stays() else "the master dies"
         return stack(
-            Panel(lines, axis("ahead of the master [us]", range=[-height, height], **y), height=1.5, left=92),
+            Panel(lines, _fixed("ahead [us]", -ahead, ahead), title="Ahead of the master", remark=remark, height=1.3, left=104),
             Panel(
-                [_line("largest difference", times, apart, INK, True), bound],
-                axis("of any two [us]", range=[0, height], **y),
-                remark=remark,
-                left=92,
+                [_line("largest difference", times, apart, INK, False), bound],
+                _fixed("apart [us]", 0, height),
+                title="Largest difference of any two",
+                left=104,
             ),
-            Panel([self._lost(result)], self._rows(), height=0.2 + 0.12 * self.stations, left=92),
-            height=480,
+            Panel([self._lost(result)], self._rows(), height=0.15 + 0.12 * self.stations, left=104),
+            height=460,
             shared=axis("true time [s]", range=[0, self.seconds]),
         )
+
+    def _named(self, station: int) -> str:
+        return f"{self.rates()[station]:+g} ppm".replace("+0 ", "0 ") if station < self.stations else ""
 
     def claims(self) -> bool:
         """Whether there is a bound for this way of correcting."""
@@ -127,7 +125,16 @@ class ClockSync(Experiment[SyncRun]):
         }
 
     def _rows(self) -> dict[str, Any]:
-        return axis("lost", range=[0.4 - self.stations, -0.4], showticklabels=False, ticks="", showgrid=False, fixedrange=True)
+        """A row for each slave; with many of them only every second one is named."""
+        slaves = range(1, self.stations)
+        return axis(
+            "",
+            range=[0.4 - self.stations, -0.4],
+            tickvals=[-i for i in slaves],
+            ticktext=[self._named(i) if self.stations <= 6 or i % 2 else "" for i in slaves],
+            showgrid=False,
+            fixedrange=True,
+        )
 
     def metrics(self, result: SyncRun) -> list[Metric]:
         gaps = [result.longest_gap(i) for i in range(1, self.stations)]
@@ -164,10 +171,10 @@ class ClockSync(Experiment[SyncRun]):
 
 
 def nice(value: float) -> float:
-    """The next of 1, 2, 5, 10, 20, ... that is no less: a scale that stays while a slider moves a little."""
+    """The next of 1, 1.5, 2, 3, 4, 5, 6, 8, 10, 15, ... that is no less: a scale that stays while a slider moves a little."""
     value = max(value, 1.0)
     power = 10.0 ** ceil(log10(value) - 1)
-    return next(power * step for step in (1, 2, 5, 10) if power * step >= value)
+    return next(power * step for step in (1, 1.5, 2, 3, 4, 5, 6, 8, 10) if power * step >= value)
 
 
 def thinned(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -177,6 +184,10 @@ def thinned(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     at = np.unique(np.linspace(0, len(x), POINTS // 2, endpoint=False).astype(int))
     both = np.stack([np.minimum.reduceat(y, at), np.maximum.reduceat(y, at)], axis=1)
     return np.repeat(x[at], 2), both.ravel()
+
+
+def _fixed(title: str, low: float, high: float) -> dict[str, Any]:
+    return axis(title, range=[low, high], fixedrange=True)
 
 
 def _line(name: str, t: np.ndarray, d: np.ndarray, colour: str, shown: bool) -> dict[str, Any]:

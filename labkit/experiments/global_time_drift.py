@@ -53,6 +53,21 @@ def difference_line(way: Correction, difference: np.ndarray, chosen: bool, named
     }
 
 
+def _points(way: Correction, difference: np.ndarray) -> dict[str, Any]:
+    """Some of the periods as points, those with the largest differences among them."""
+    few, far = np.linspace(0, len(difference) - 1, 500).astype(int), np.argsort(np.abs(difference))[-20:]
+    x = np.union1d(few, far)
+    return {
+        "type": "scatter",
+        "mode": "markers",
+        "x": x,
+        "y": difference[x],
+        "showlegend": False,
+        "marker": {"color": COLOUR[way], "size": 4},
+        "hovertemplate": "%{y:.1f} us in period %{x}<extra></extra>",
+    }
+
+
 @dataclass(frozen=True, eq=False)
 class Apart:
     """How far two stations' periods start apart.
@@ -111,27 +126,34 @@ class TimestampDrift(Experiment[Apart]):
     def figure(self, result: Apart) -> dict[str, Any]:
         free, kept = published_difference("without"), published_difference("with")
         height = nice(1.05 * max(free, self.drift * 1e-3 * self.period * self.periods))
-        fine = nice(max(1.2 * kept, 3 * self.read_error))
-        x = axis("period", range=[0, self.periods * 1.03])
+        fine = nice(max(1.5 * kept, 3 * self.read_error))
+        across = [0, self.periods * 1.03]
         level = {"type": "line", "xref": "x domain", "x0": 0, "x1": 1, "line": {"color": INK, "dash": "dash", "width": 2}}
         levels = [{**level, "y0": y, "y1": y} for y in (kept, -kept)]
-        note = {"text": f"published: {kept:.2f}", "x": 0, "xref": "x domain", "xanchor": "left", "y": kept, "yanchor": "bottom"}
+        note = {"text": f"published: {kept:.2f}", "x": 1, "xref": "x domain", "xanchor": "right", "y": kept, "yanchor": "bottom"}
         nearest = int(np.argmin(np.abs(np.array(READ_ERRORS) - self.read_error)))
-        lines = [
+        by_error = [
             Curve(CORRECTIONS[way], READ_ERRORS, largest, COLOUR[way], DASH[way], nearest if way == self.correction else None)
             for way, largest in result.curve.items()
         ]
-        whole = curves([], x, axis("difference [us]", range=[-0.1 * height, height]), [(2200, free if self.published() else nan)])
-        drawn = [difference_line(way, d, way == self.correction) for way, d in result.difference.items()]
-        near = [difference_line(way, d, way == self.correction, False) for way, d in result.difference.items()]
+        end = curves([], axis("", range=across), axis("apart [us]"), [(2200, free if self.published() else nan)])
+        lines = [difference_line(way, d, way == self.correction) for way, d in result.difference.items()]
         return stack(
-            Panel([*drawn, *whole.traces], whole.y, whole.x, title="Figure 43", left=92),
+            Panel([*lines, *end.traces], axis("apart [us]", range=[-0.1 * height, height]), end.x, title="Figure 43", left=92),
             [
-                Panel(near, axis("difference [us]", range=[-fine, fine]), x, levels, title="Near zero", left=92),
+                Panel(
+                    [_points(self.correction, result.difference[self.correction])],
+                    axis("apart [us]", range=[-fine, fine]),
+                    axis("period", range=across),
+                    levels,
+                    title="The same near zero",
+                    caption=CORRECTIONS[self.correction],
+                    left=92,
+                ),
                 curves(
-                    lines,
+                    by_error,
                     axis("reading error [us]", range=[-5, READ_ERRORS[-1] + 5]),
-                    axis("largest difference [us]", range=[0, 820]),
+                    axis("largest [us]", range=[0, 820]),
                     shapes=levels[:1],
                     notes=[note],
                     legend=False,

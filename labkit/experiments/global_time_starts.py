@@ -135,7 +135,7 @@ class PeriodStarts(Experiment[Starts]):
     fails: Annotated[int, Interval(ge=1, le=20), Unit("periods"), Doc("in a row in which it goes wrong")] = 10
     drift: Drift = 50.0
     reserve: Annotated[int, Interval(ge=0, le=1900), MultipleOf(10), Unit("us"), Doc("largest shift forward (in Deadline_C)")] = (
-        500
+        100
     )
     read_error: Annotated[int, Interval(ge=0, le=100), Unit("us"), Doc("of reading the common clock, to either side")] = 5
     seed: Seed = 1
@@ -162,7 +162,9 @@ class PeriodStarts(Experiment[Starts]):
         tallest = 1000 * self.initial + self.drift * 0.5 * (self.fails + 3) + 4 * self.read_error
         height = nice(1.1 * max(tallest, 200.0))
         wanted, made = -result.wanted[:, self.column()] / US, -result.shifted[:, self.column()] / US
-        deep = nice(1.2 * max(self.reserve, self.drift * 0.5 + 2 * self.read_error, 50.0))
+        gained = self.drift * PERIOD / 1e12
+        far = 1000 * self.initial + gained * (self.fails + 2) if self.correction == "absolute" else gained
+        deep = nice(1.2 * max(self.reserve, far + 2 * self.read_error, 50.0))
         failing = {"type": "rect", "x0": EVENT - 0.5, "x1": EVENT + self.fails - 0.5, "yref": "y domain", "y0": 0, "y1": 1}
         failing |= {"fillcolor": PALE, "line": {"width": 0}, "layer": "below", "visible": self.event != "none"}
         limit = {"type": "line", "xref": "x domain", "x0": 0, "x1": 1, "y0": self.reserve, "y1": self.reserve}
@@ -170,7 +172,7 @@ class PeriodStarts(Experiment[Starts]):
         return stack(
             Panel(
                 [difference_line(way, d, way == self.correction) for way, d in apart.items()],
-                axis("difference [us]", range=[-0.2 * height, height]),
+                axis("apart [us]", range=[-0.2 * height, height]),
                 shapes=[failing],
                 title="Starts of the two stations",
                 left=92,
@@ -178,9 +180,9 @@ class PeriodStarts(Experiment[Starts]):
             ),
             Panel(
                 [_shifts("wanted", wanted, GREY, "circle-open"), _shifts("made", made, COLOUR[self.correction], "circle")],
-                axis("shift forward [us]", range=[-deep, deep]),
+                axis("forward [us]", range=[-0.5 * deep, deep]),
                 shapes=[failing, limit],
-                title="Corrections of the second station",
+                title="Shifts of the second station",
                 caption=CORRECTIONS[self.correction],
                 left=92,
             ),
