@@ -5,11 +5,11 @@ Rule numbers are those of tests/oracle/freertos (1 to 27) and freertos2 (from 28
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from heapq import heapify, heappop, heappush
 from typing import TYPE_CHECKING, Any
 
 from labkit.kernel.costs import Costs
+from labkit.kernel.devices import TASKS, Device, Devices
 from labkit.kernel.journal import PAGE, Journal
 from labkit.kernel.objects import BLOCKED, FOREVER, READY, Mutex, ReadyLists, Target, Task, enqueue
 from labkit.kernel.services import PRICED, Service
@@ -20,8 +20,6 @@ from labkit.trace import CODE, OVERHEADS
 
 if TYPE_CHECKING:
     from labkit.kernel.interrupts import Interrupt
-
-Handler = Callable[["Interrupt"], Any]
 
 SWITCH, READIED, OVERHEAD = CODE["switch"], CODE["ready"], CODE["overhead"]
 CREATE, TICK_LOST = CODE["create"], CODE["tick_lost"]
@@ -43,8 +41,8 @@ class Core:
         running: the task that has the CPU; it stays among the ready ones. Known from the start on, like `isr`.
         ready: the ready lists.
         delayed: heap of (wake tick, alarm, task); an entry counts only as long as it is the task's alarm.
-        devices: heap of (cycle, order, handler, period or None), the interrupts to come.
-        handling: the interrupt handler that is being called.
+        devices: the interrupts to come. `mask`: those of a priority below it are never held, and may not call the kernel.
+        handling: the device whose handler has the CPU, if one has.
         switch_wanted: an interrupt has readied a task above the running one, or a switch was asked for while it was held.
         critical, suspended: depth of critical sections and of suspensions of the scheduler; held: either of them is above 0.
         postponed: tasks woken while the scheduler is suspended that are not ready before it is resumed (rule 32).
@@ -73,6 +71,7 @@ class Core:
         "isr",
         "journal",
         "log",
+        "mask",
         "now",
         "one_pending",
         "origin",
@@ -93,7 +92,9 @@ class Core:
     idle: Task
     isr: Interrupt
 
-    def __init__(self, tick: int, priorities: int, costs: Costs, time_slicing: bool, one_pending: bool, most_events: int):
+    def __init__(
+        self, tick: int, priorities: int, costs: Costs, time_slicing: bool, one_pending: bool, mask: int, most_events: int
+    ):
         self.now, self.tick, self.ticks, self.until, self.origin = 0, tick, 0, 0, 0
         self.critical = self.suspended = 0
         self.held, self.one_pending = False, one_pending
@@ -102,8 +103,8 @@ class Core:
         self.daemon: Daemon | None = None
         self.ready = ReadyLists(priorities)
         self.delayed: list[tuple[int, int, Task]] = []
-        self.devices: list[tuple[int, int, Handler, int | None]] = []
-        self.handling: Handler | None = None
+        self.devices, self.mask = Devices(), mask
+        self.handling: Device | None = None
         self.switch_wanted = self.textbook = False
         self.time_slicing = time_slicing
         self.every_tick = costs.tick > 0  # else only those at which something can happen
@@ -131,10 +132,10 @@ class Core:
         interrupt. However a simulation is cut into calls, the same things happen: each step depends on the state alone.
         """
         tick, time_slicing, rings, prices = self.tick, self.time_slicing, self.ready.rings, self.prices
-        rows, delayed, devices = self.journal.rows, self.delayed, self.devices
+        rows, delayed, devices, urgent = self.journal.rows, self.delayed, self.devices.lowest, self.devices.urgent
         self.until = until
         if self.now < until:
-            self._handle_interrupts(self._tick_due())  # those at the very end of the call before
+            self.handle_interrupts(self.tick_due())  # those at the very end of the call before
         instant, steps = -1, 0
         while (now := self.now) < until:
             while not (task := self.running).remaining:
@@ -173,12 +174,14 @@ class Core:
             end = now + task.remaining
             if self.held:
                 due = tick_due = self._held_tick_due()
-            elif self.every_tick or (time_slicing and len(rings[task.priority]) > 2):  # as in _tick_due
+            elif self.every_tick or (time_slicing and len(rings[task.priority]) > 2):  # as in tick_due
                 due = tick_due = (self.ticks + 1) * tick + self.origin
             else:
                 due = tick_due = delayed[0][0] * tick + self.origin if delayed else FOREVER
             if devices and devices[0][0] < due and not self.critical:
                 due = devices[0][0]
+            if urgent:
+                due = min(due, self.devices.next_urgent(self._preempted()))
             if end < due and end < until:
                 task.remaining = 0
                 self.now = end
@@ -188,7 +191,7 @@ class Core:
                 if due > now:
                     task.remaining = end - due
                     self.now = due
-                self._handle_interrupts(tick_due)
+                self.handle_interrupts(tick_due)
             else:
                 task.remaining = end - until
                 self.now = until
@@ -200,12 +203,15 @@ class Core:
             heappop(delayed)
         if self.switch_wanted and not self.held:
             return self.now
-        due = min(self._tick_due(), self.devices[0][0] if self.devices and not self.critical else FOREVER)
+        lowest = self.devices.lowest
+        due = min(self.tick_due(), self.devices.next_urgent(self._preempted()))
+        if lowest and not self.critical:
+            due = min(due, lowest[0][0])
         return min(max(due, self.now), self.now + self.running.remaining, FOREVER)
 
     # Interrupts
 
-    def _tick_due(self) -> int:
+    def tick_due(self) -> int:
         """Cycle of the next tick at which anything can happen: a slice ends or a delayed task wakes."""
         if self.held:
             return self._held_tick_due()
@@ -213,21 +219,23 @@ class Core:
             return (self.ticks + 1) * self.tick + self.origin
         return self.delayed[0][0] * self.tick + self.origin if self.delayed else FOREVER
 
-    def _handle_interrupts(self, tick_due: int) -> None:
-        """All interrupts that are due, a tick before the devices, and then at most one switch (rule 5).
+    def handle_interrupts(self, tick_due: int) -> None:
+        """All interrupts that are due, a tick before devices of its priority, and then at most one switch (rule 5).
 
         What becomes due meanwhile is among them, and what becomes due during the switch follows it. If the time to stop comes
         first, the next call goes on.
         """
         at, count = self.now, 0
         while True:
-            if tick_due <= self.now:
+            if self.devices.urgent and (first := self.devices.take_urgent(self.now, self._preempted())):
+                self._handle_device(first)
+            elif tick_due <= self.now:
                 self._tick(tick_due)
             else:
                 if not self.held:
                     self.ticks = (self.now - self.origin) // self.tick  # the ticks passed over meant nothing
-                if self.devices and self.devices[0][0] <= self.now and not self.critical:
-                    self._handle_device()
+                if self.devices.lowest and self.devices.lowest[0][0] <= self.now and not self.critical:
+                    self._handle_device(self.devices.take_lowest())
                 elif self.switch_wanted and not self.held:
                     before = self.now
                     self.reschedule()
@@ -242,7 +250,7 @@ class Core:
             count += 1
             if count == ZERO_TIME_LIMIT:
                 raise ValueError(f"{count} device interrupts in a row up to cycle {at}; no task gets to run between them")
-            tick_due = self._tick_due()
+            tick_due = self.tick_due()
 
     def _tick(self, due: int) -> None:
         if self.held:
@@ -250,9 +258,9 @@ class Core:
             return
         if self.every_tick:
             self.spend(self.costs.tick, TICK_COST)
-        self._count((due - self.origin) // self.tick)
+        self.count_tick((due - self.origin) // self.tick)
 
-    def _count(self, ticks: int) -> None:
+    def count_tick(self, ticks: int) -> None:
         """Wake the tasks that are due in the order of wake time, then of going to sleep; then test the slice (rules 3, 4)."""
         self.ticks = ticks
         delayed = self.delayed
@@ -266,20 +274,30 @@ class Core:
         if self.time_slicing and len(self.ready.rings[self.running.priority]) > 2:
             self.switch_wanted = True
 
-    def _handle_device(self) -> None:
-        at, _, handler, every = heappop(self.devices)
-        self.handling = handler
-        self.spend(self.costs.isr_entry, ISR_COST)
-        handler(self.isr)
-        self.spend(self.costs.isr_exit, ISR_COST)
-        self.handling = None
-        if every is not None:
-            self.add_device(at + every, handler, every)
+    def _preempted(self) -> int:
+        """Interrupts of a priority below this number preempt what runs."""
+        if self.handling is not None:
+            return self.handling.priority
+        return self.mask if self.critical else TASKS
 
-    def add_device(self, at: int, handler: Handler, every: int | None) -> None:
-        """A device interrupt to come; those of one instant keep the order in which they were added."""
-        self._sequence += 1
-        heappush(self.devices, (at, self._sequence, handler, every))
+    def _handle_device(self, entry: tuple[int, int, Device]) -> None:
+        """An interrupt from its entry to its exit; the handler makes its calls at the end of what it computes."""
+        at, _, device = entry
+        before, self.handling = self.handling, device
+        self.spend(self.costs.isr_entry, ISR_COST)
+        left = device.cycles
+        while left:
+            due = self.devices.next_urgent(device.priority) if self.devices.urgent else FOREVER
+            part = min(left, max(due - self.now, 0))
+            self.spend(part, ISR_COST)
+            left -= part
+            if left and (first := self.devices.take_urgent(self.now, device.priority)):
+                self._handle_device(first)
+        device.handler(self.isr)
+        self.spend(self.costs.isr_exit, ISR_COST)
+        self.handling = before
+        if device.every is not None:
+            self.devices.add(at + device.every, device)
 
     def spend(self, cycles: int, cause: int) -> None:
         """Time that the kernel takes for itself; `cause` is an index into OVERHEADS."""
@@ -287,42 +305,8 @@ class Core:
             self.log((self.now, OVERHEAD, self.running.code, -1, cycles, cause))
             self.now += cycles
 
-    # Critical sections and the suspended scheduler (rules 28 to 33)
-
-    def hold_interrupts(self) -> None:
-        """Enter a critical section."""
-        if not self.critical:
-            self.entered = self.now
-            self._hold()
-        self.critical += 1
-
-    def let_interrupts_in(self) -> None:
-        """Leave a critical section; the outermost one lets in ticks, then interrupts, then at most one switch (rule 29)."""
-        self.critical -= 1
-        if not self.critical:
-            self.held, self.flagged = self.suspended > 0, False
-            self._handle_interrupts(self._tick_due())
-
-    def hold_switches(self) -> None:
-        """Suspend the scheduler."""
-        if not self.suspended:
-            self._hold()
-        self.suspended += 1
-
-    def let_switches_in(self) -> bool:
-        """Resume the scheduler; True if the outermost resume is to switch (rule 33)."""
-        self.suspended -= 1
-        if self.suspended:
-            return False
-        self.held = self.critical > 0
-        while self.postponed:
-            self.switch_wanted |= self.make_ready(self.postponed[0])
-        until = self.entered if self.critical else self.now
-        for ticks in range(self.ticks + 1, (until - self.origin) // self.tick + 1):
-            self._count(ticks)
-        return self.switch_wanted
-
-    def _hold(self) -> None:
+    def hold(self) -> None:
+        """What a critical section or the suspension of the scheduler begins with."""
         if not self.held:
             self.beat = (self.ticks + 1) * self.tick + self.origin
         elif not self.every_tick:

@@ -135,6 +135,11 @@ class Interrupt:
     def _enter(self, op: str, target: Any, value: int = 0, traced: str = "") -> Core:
         """What each call begins with: its price, and its row."""
         k = self._core
+        if k.handling is not None and k.handling.priority < k.mask:
+            raise ValueError(
+                f"an interrupt of priority {k.handling.priority} calls {op} on {target.name!r}; it is above the mask, and only those of "
+                f"priority {k.mask} and higher numbers may call the kernel"
+            )
         k.spend(k.prices.get(PRICED[op], 0), SERVICE_COST)
         k.log((k.now, ISR, k.running.code, target.code, value, ISR_OPS.index(traced or TRACED.get(op, op))))
         return k

@@ -34,6 +34,7 @@ from typing import Any
 from labkit.kernel.checks import whole
 from labkit.kernel.core import Core
 from labkit.kernel.costs import Costs
+from labkit.kernel.devices import LOWEST, Device
 from labkit.kernel.interrupts import Interrupt
 from labkit.kernel.objects import DELETED, FOREVER, Buffer, EventGroup, Mutex, Queue, QueueSet, Semaphore, Task, Timer
 from labkit.kernel.protocols import PROTOCOLS
@@ -66,6 +67,7 @@ class Kernel:
             the others being lost, or "all" (rule 28).
         timer_priority, timer_queue: priority of the timer task, None for a kernel without timers, and how many commands its
             queue has room for.
+        max_syscall_priority: interrupts of a priority below this number preempt critical sections and may not call the kernel.
         most_events: a run that makes more ends with a ValueError; a million take 48 MB.
 
     Attributes:
@@ -88,6 +90,7 @@ class Kernel:
         pending_ticks: str = "one",
         timer_priority: int | None = None,
         timer_queue: int = 10,
+        max_syscall_priority: int = 5,
     ):
         cpu_hz, tick_hz = whole(cpu_hz, 1, "a CPU at", " Hz"), whole(tick_hz, 1, "ticks at", " Hz")
         if cpu_hz % tick_hz:
@@ -105,7 +108,8 @@ class Kernel:
         self._early: list[Timer] = []
         self._idle_should_yield = idle_should_yield
         most_events = whole(most_events, 1, "most_events")
-        self._core = Core(self.tick, priorities, costs, time_slicing, pending_ticks == "one", most_events)
+        mask = whole(max_syscall_priority, 0, "max_syscall_priority", most=LOWEST)
+        self._core = Core(self.tick, priorities, costs, time_slicing, pending_ticks == "one", mask, most_events)
         self._core.idle = Task(IDLE, -1, 0, 0, None, None)
         self._timer_priority = timer_priority
         if timer_priority is not None:
@@ -276,15 +280,23 @@ class Kernel:
         self.named[task.name] = task
         self._core.admit(task, by)
 
-    def interrupt(self, at: int, handler: Callable[[Interrupt], Any], every: int | None = None) -> None:
-        """A device interrupt at cycle `at`, repeated `every` so many cycles. `handler` is called with an `Interrupt`.
+    def interrupt(
+        self, at: int, handler: Callable[[Interrupt], Any], every: int | None = None, priority: int = LOWEST, cycles: int = 0
+    ) -> None:
+        """A device interrupt at cycle `at`, repeated `every` so many cycles. `handler` is called with an `Interrupt`, after it
+        has computed for so many `cycles`.
 
-        Interrupts of one instant come in the order in which they were asked for, after the tick, before the one switch. Task
-        bodies and handlers may ask for more, such as the end of a transfer they start. An exception in a handler ends the run.
+        `priority` is counted as on a Cortex-M: 0 is the most urgent, 15 that of the tick. An interrupt preempts handlers of a
+        higher number, tasks, and, below `max_syscall_priority`, critical sections, too; from there it may not call the kernel.
+        Interrupts of one instant come by priority, then in the order in which they were asked for, those of the lowest priority
+        after the tick, all before the one switch. Task bodies and handlers may ask for more, such as the end of a transfer they
+        start. An exception in a handler ends the run.
         """
         at = whole(at, self.now, "an interrupt at cycle")
         every = every if every is None else whole(every, 1, f"an interrupt at cycle {at}, every", " cycles")
-        self._core.add_device(at, handler, every)
+        priority = whole(priority, 0, f"an interrupt at cycle {at}, priority", most=LOWEST)
+        cycles = whole(cycles, 0, f"an interrupt at cycle {at} computes for", " cycles")
+        self._core.devices.add(at, Device(handler, every, priority, cycles))
 
     def _checked_priority(self, priority: int, whose: str) -> int:
         return whole(priority, 0, f"{whose}: priority", most=self.priorities - 1)
@@ -324,7 +336,7 @@ class Kernel:
         except Exception as error:
             where = f"in task {core.running.name!r}"
             if core.handling is not None:
-                name = getattr(core.handling, "__qualname__", core.handling)
+                name = getattr(core.handling.handler, "__qualname__", core.handling.handler)
                 where = f"in interrupt handler {name}, which interrupted task {core.running.name!r},"
             error.add_note(f"{where} at cycle {core.now}")
             raise
