@@ -41,6 +41,7 @@ def test_version_is_that_of_the_package(capsys):
 
 def test_help_states_the_limits_that_hold():
     from labkit.cache import references
+    from labkit.fusion import tracks
     from labkit.kernel import scenario
     from labkit.outside import MOST_BYTES
     from labkit.phases import chainfile
@@ -52,7 +53,8 @@ def test_help_states_the_limits_that_hold():
     assert f"trace {source.MOST_BYTES >> 20} MiB;" in told
     assert f"replay {mib} MiB, 1000 tasks, {scenario.LAST_TICK} ticks, {scenario.MOST_EVENTS} events;" in told
     assert f"schedule {mib} MiB, {taskfile.MOST_TASKS} tasks, {taskfile.MOST_JOBS} jobs;" in told
-    assert f"windows {mib} MiB, {chainfile.MOST_PARTS} parts; cache {references.MOST_IN_FILE} references." in told
+    assert f"windows {mib} MiB, {chainfile.MOST_PARTS} parts; cache {references.MOST_IN_FILE} references;" in told
+    assert f"track {mib} MiB, {tracks.MOST_TRACKS} tracks, {tracks.MOST_PREDICTIONS} predictions." in told
 
 
 @pytest.mark.parametrize("arguments", ["list", "list --json"])
@@ -209,6 +211,7 @@ def test_trace_prints_statistics_and_every_repair(tmp_path, capsys):
         ("replay", "longer than 8 MiB"),
         ("schedule --policy rm --until 5", "longer than 8 MiB"),
         ("windows --period-ns 5", "longer than 8 MiB"),
+        ("track --q 1 --sigma 1 --out e.csv", "longer than 8 MiB"),
         ("cache", "it is no trace of data references"),
     ],
 )

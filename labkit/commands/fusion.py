@@ -41,7 +41,9 @@ def _track(args: argparse.Namespace) -> None:
     if args.json:
         print_json(report)
         return
-    print(f"{report['measurements']} measurements, {report['used']} used, {len(found.tracks)} tracks")
+    print(
+        f"{report['measurements']} measurements, {report['used']} used, {len(found.tracks)} track{'s' * (len(found.tracks) != 1)}"
+    )
     for text, value in (
         ("of tracks that were dropped unconfirmed: {}", found.unused),
         ("rows that stood after one of a later time, sorted: {}", read.moved),

@@ -125,6 +125,11 @@ class NearestFirst:
     e_max: float = 0.09
     again: bool = False
 
+    def __post_init__(self) -> None:
+        for name in ("a_max", "e_max"):
+            if not 0 <= getattr(self, name) <= 1e9:
+                raise ValueError(f"{name} is {getattr(self, name)}; 0 to 1e9 is allowed")
+
     def reach(self, elapsed: Sequence[float]) -> np.ndarray:
         """The radius of the gate in m, (5.32)."""
         return self.a_max / 2 * np.square(elapsed) + self.e_max
