@@ -93,7 +93,7 @@ class Core:
     isr: Interrupt
 
     def __init__(
-        self, tick: int, priorities: int, costs: Costs, time_slicing: bool, one_pending: bool, mask: int, most_events: int
+        self, tick: int, priorities: int, costs: Costs, most_events: int, *, time_slicing: bool, one_pending: bool, mask: int
     ):
         self.now, self.tick, self.ticks, self.until, self.origin = 0, tick, 0, 0, 0
         self.critical = self.suspended = 0

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from labkit.kernel.checks import whole
+from labkit.kernel.devices import LOWEST
 from labkit.kernel.objects import FOREVER, Buffer, EventGroup, Queue, Semaphore, Task, Timer
 from labkit.kernel.requests import check_action, check_bits, check_index, check_kind, check_value
 from labkit.kernel.services import PRICED, buffers, notifications, queues, semaphores, tasks, timers
@@ -137,8 +138,8 @@ class Interrupt:
         k = self._core
         if k.handling is not None and k.handling.priority < k.mask:
             raise ValueError(
-                f"an interrupt of priority {k.handling.priority} calls {op} on {target.name!r}; it is above the mask, and only those of "
-                f"priority {k.mask} and higher numbers may call the kernel"
+                f"an interrupt of priority {k.handling.priority} calls {op} on {target.name!r}; "
+                f"only those of priority {k.mask} to {LOWEST} may call the kernel"
             )
         k.spend(k.prices.get(PRICED[op], 0), SERVICE_COST)
         k.log((k.now, ISR, k.running.code, target.code, value, ISR_OPS.index(traced or TRACED.get(op, op))))

@@ -109,7 +109,9 @@ class Kernel:
         self._idle_should_yield = idle_should_yield
         most_events = whole(most_events, 1, "most_events")
         mask = whole(max_syscall_priority, 0, "max_syscall_priority", most=LOWEST)
-        self._core = Core(self.tick, priorities, costs, time_slicing, pending_ticks == "one", mask, most_events)
+        self._core = Core(
+            *(self.tick, priorities, costs, most_events), time_slicing=time_slicing, one_pending=pending_ticks == "one", mask=mask
+        )
         self._core.idle = Task(IDLE, -1, 0, 0, None, None)
         self._timer_priority = timer_priority
         if timer_priority is not None:
