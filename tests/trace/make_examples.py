@@ -1,6 +1,6 @@
 """Writes the sample recordings of data/examples: one schedule in the formats of four tracers. Run it to write them again.
 
-The schedule is the lab's own (deadline monotonic, times in microseconds, 200 ms), so that what the readers find in the files can be
+The schedule is the lab's own (deadline monotonic, times in microseconds, 200 ms), so that what the readers find in them can be
 compared with what was simulated.
 """
 

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
-from labkit.trace import LogError, read_log, spans
+from labkit.trace import LogError, describe, read_log, spans, statistics
 from labkit.trace.readers import log, stamps
 from labkit.trace.readers import report as report_
 from labkit.trace.readers import source as source_
@@ -430,3 +430,61 @@ def test_names_of_files_reach_no_line_raw(tmp_path):
     assert "\r" not in str(read_log(path)[1]) and "\n" not in read_log(path)[1].source
     with pytest.raises(LogError, match=r"^[^\n\r]+$"):
         read_log(str(tmp_path / "no\rsuch.log"))
+
+
+# Names that are none
+
+RING = "".join(f"IDLE {t} 1\nIDLE {t + 5} 0\nodom {t + 5} 1\nodom {t + 9} 0\n" for t in range(0, 300, 10))
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "IDLE 101 1odom 105 1",  # a line end lost
+        "IDLE 101 1 odom 105 1",  # a blank in its place
+        "IDLE 10.5 0odom 105 1",
+        "IDLE 101odom 105 1",  # more than the line end
+        "IDLEodom 105 1",
+        "IDodom 105 1",
+        "IDLEom 105 1",
+        "IDLE 101om 105 1",
+        "IDLE 101 1IDLE 105 1",
+        "IDLEIDLE 105 0",
+        "\x01\x02\x7f 105 1",
+        "IDLE\x00 105 1",
+    ],
+)
+def test_a_glued_or_binary_line_is_no_task(line):
+    trace, report = read_log(RING + line + "\nIDLE 310 1\nIDLE 312 0\n")
+    assert trace.names == ("IDLE", "odom") and report.rejected == 1 and report.problems[0].line == 121
+    assert accounts_for_every_line(report)
+
+
+def test_bytes_that_are_no_text_are_no_task_unless_they_are_one_all_along():
+    trace, report = read_log(RING.encode() + b"\xff\xfe\x80 105 1\n")
+    assert trace.names == ("IDLE", "odom") and (report.rejected, report.problems[-1].line) == (1, 121)
+    trace, report = read_log(RING.encode() + b"Z\xe4hler 105 1\nZ\xe4hler 106 0\n")
+    assert trace.names == ("IDLE", "odom", "Z\ufffdhler") and report.rejected == 0
+
+
+@pytest.mark.parametrize("name", ["odom2", "Task 1", "odom 1", "IDLE 1 of 2", "w_odom", "ID", "motor 1 0", "a 1 b", "odometry"])
+def test_a_rare_name_that_is_like_others_is_a_task(name):
+    trace, report = read_log(RING + f"{name} 105 1\n{name} 106 0\n")
+    assert name in trace.names and report.rejected == 0
+
+
+def test_a_lost_stamp_is_flagged_where_it_would_make_a_jitter():
+    text = "".join(f"a {100 * i} 1\na {100 * i + 50} 0\n" for i in range(20))
+    assert statistics(read_log(text)[0]).loc["a", ["jitter", "gaps"]].tolist() == [0, 0]
+    trace, report = read_log(text.replace("a 700 1\n", ""))
+    table = statistics(trace)
+    assert table.loc["a", ["jitter", "gaps"]].tolist() == [100, 1] and report.rejected == 1
+    assert "one lost stamp makes it a whole period" in describe(table)
+    two, _ = read_log(text.replace("a 700 1\n", "").replace("a 800 0\n", ""))
+    assert statistics(two).loc["a", "gaps"] == 1  # 700 and 800 are gone: one gap of three periods
+
+
+def test_irregular_intervals_are_no_gaps():
+    times = np.cumsum(np.random.default_rng(1).exponential(100, 500)).astype(int) + np.arange(500)
+    trace, _ = read_log("".join(f"a {t} 1\na {t} 0\n" for t in times.tolist()))
+    assert statistics(trace).loc["a", "gaps"] == 0

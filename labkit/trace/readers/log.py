@@ -15,9 +15,10 @@ from typing import IO, Any
 import numpy as np
 
 from labkit.trace.kinds import CODE
-from labkit.trace.readers.report import MOST_TOLD, LogError, Problems, Report
+from labkit.trace.readers.report import MOST_TOLD, LogError, Problems, Report, told
 from labkit.trace.readers.source import Source, open_source
 from labkit.trace.readers.stamps import LONGEST, US, Stamps, read_stamps
+from labkit.trace.readers.suspects import suspects
 from labkit.trace.spans import Pairs, nest, pair
 from labkit.trace.trace import Trace
 
@@ -44,8 +45,9 @@ def read_log(source: str | os.PathLike[str] | bytes | IO[Any], *, clock_hz: floa
 
     At one instant, spans that were open end first, the innermost first; then come spans of no length; then new ones begin, the
     longest first. A name may contain spaces; a task and a scope inside it need different names, for a name does not
-    nest in itself. Lines starting with `#` or `//` are comments. Stamps end with a core if more lines of the log's first
-    megabyte have that form than only the form without.
+    nest in itself. A rare name that is made of others, as where a line end was lost, is rejected. Lines starting with `#` or
+    `//` are comments. Stamps end with a core if more lines of the log's first megabyte have that form than only the form
+    without.
 
     Raises:
         LogError: there is nothing to read: no such file, not text, no valid line, or an impossible `clock_hz`; or more than
@@ -64,13 +66,13 @@ def log_of(source: Source, clock_hz: float | None) -> tuple[Trace, Report]:
         hint = f"; line {problems.kept[0].line}: {problems.kept[0].what}" if problems.kept else ""
         raise LogError(f"{source.title}: no line has the form {reading.format}{hint}")
 
+    stamps, names = _without_suspects(stamps, list(reading.names), problems)
     wraps = 0
     if wrap is not None:
         wraps = _unwrap(stamps, wrap, problems)
     moved = _out_of_order(stamps, wrap, problems)
 
     stamps = stamps.ordered(np.argsort(stamps.time, kind="stable"))
-    names = list(reading.names)
     pairs = pair(stamps.name.astype(np.int64) * 1000 + stamps.core if reading.several else stamps.name, stamps.begin)
     _report_unpaired(stamps, pairs, names, problems)
     trace = trace_of(stamps, pairs, names, reading.several)
@@ -86,6 +88,21 @@ def log_of(source: Source, clock_hz: float | None) -> tuple[Trace, Report]:
         wraps=wraps,
     )
     return trace, report
+
+
+def _without_suspects(stamps: Stamps, names: list[str], problems: Problems) -> tuple[Stamps, list[str]]:
+    """The stamps of names that are some, and these names; the others are rejected."""
+    found = suspects(names, np.bincount(stamps.name, minlength=len(names)))
+    if not found or len(found) == len(names):
+        return stamps, names
+    out = np.zeros(len(names), bool)
+    out[list(found)] = True
+    wrong = out[stamps.name]
+    for line, name in zip(stamps.line[wrong].tolist(), stamps.name[wrong].tolist()):
+        problems.rejected(line, f"{told(names[name])} {found[name]}")
+    left = stamps.ordered(np.flatnonzero(~wrong))
+    left.name[:] = (np.cumsum(~out) - 1)[left.name]
+    return left, [name for name, gone in zip(names, out) if not gone]
 
 
 def _wrap(clock_hz: float | None) -> Fraction | None:
