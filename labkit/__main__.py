@@ -32,7 +32,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _fail(args.command, "interrupted", 130)
     except MemoryError:
         return _fail(args.command, "the input needs more memory than there is", 1)
-    except (ValueError, OSError) as error:
+    except OSError as error:
+        return _fail(args.command, f"{error.filename}: {error.strerror}" if error.filename else str(error), 1)
+    except ValueError as error:
         notes = "".join(f" ({note})" for note in getattr(error, "__notes__", ()))
         return _fail(args.command, f"{error}{notes}", 1)
     return 0

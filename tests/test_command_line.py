@@ -16,6 +16,7 @@ from labkit.__main__ import main, parser
 from labkit.trace import read_npz
 
 ORACLE = pathlib.Path(__file__).parent / "oracle" / "freertos"
+LOG = str(pathlib.Path(__file__).parents[1] / "data" / "examples" / "board.log")
 
 
 def test_list_names_every_experiment_with_its_parameters(capsys):
@@ -23,7 +24,15 @@ def test_list_names_every_experiment_with_its_parameters(capsys):
     listed = json.loads(capsys.readouterr().out)
     assert listed["priority-inversion"]["parameters"]["hold"]["allowed"] == "a whole number, 1 to 15 ms"
     assert main(["list"]) == 0
-    assert "hold = 6" in capsys.readouterr().out
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split()[0] for line in lines] == list(listed) and "hold" not in lines[1]
+    assert main(["list", "priority-inversion"]) == 0
+    told = capsys.readouterr().out
+    assert told.startswith("priority-inversion ") and "hold = 6" in told and "1 to 15 ms" in told
+    assert main(["list", "priority-inversion", "--json"]) == 0
+    assert list(json.loads(capsys.readouterr().out)) == ["priority-inversion"]
+    assert main(["list", "priority-conversion"]) == 1
+    assert "there is no experiment 'priority-conversion'" in capsys.readouterr().err
 
 
 def test_a_reader_that_has_seen_enough_is_no_error():
@@ -42,7 +51,7 @@ def test_version_is_that_of_the_package(capsys):
 def test_help_states_the_limits_that_hold():
     from labkit.cache import references
     from labkit.fusion import tracks
-    from labkit.kernel import scenario
+    from labkit.kernel.scenario import play, read
     from labkit.outside import MOST_BYTES
     from labkit.phases import chainfile
     from labkit.scheduler import taskfile
@@ -51,7 +60,7 @@ def test_help_states_the_limits_that_hold():
     mib = MOST_BYTES >> 20
     told = " ".join(parser().format_help().split())
     assert f"trace {source.MOST_BYTES >> 20} MiB;" in told
-    assert f"replay {mib} MiB, 1000 tasks, {scenario.LAST_TICK} ticks, {scenario.MOST_EVENTS} events;" in told
+    assert f"replay {mib} MiB, 1000 tasks, {read.LAST_TICK} ticks, {play.MOST_EVENTS} events;" in told
     assert f"schedule {mib} MiB, {taskfile.MOST_TASKS} tasks, {taskfile.MOST_JOBS} jobs;" in told
     assert f"windows {mib} MiB, {chainfile.MOST_PARTS} parts; cache {references.MOST_IN_FILE} references;" in told
     assert f"track {mib} MiB, {tracks.MOST_TRACKS} tracks, {tracks.MOST_PREDICTIONS} predictions." in told
@@ -90,7 +99,7 @@ def test_a_name_with_a_line_break_stays_in_its_line(capsys):
     error = capsys.readouterr().err
     assert error.count("\n") == 1 and "\r" not in error
     with pytest.raises(SystemExit) as ended:
-        main(["list", "one\ntwo"])
+        main(["list", "one", "one\ntwo"])
     assert ended.value.code == 2 and r"unrecognized arguments: one\ntwo" in capsys.readouterr().err
 
 
@@ -138,8 +147,14 @@ def test_run_takes_parameters_and_prints_metrics(capsys):
             "priority-inversion has no parameter 'holds'; it has hold, interference",
         ),
         (["run", "priority-inversion", "--set", "hold"], "--set 'hold' has no '='; write --set name=value"),
-        (["trace", "nowhere.log"], "nowhere.log: cannot be read"),
-        (["replay", "nowhere.json"], "nowhere.json"),
+        (["trace", "nowhere.log"], "nowhere.log: cannot be read (No such file or directory)\n"),
+        (["replay", "nowhere.json"], "labkit replay: nowhere.json: No such file or directory\n"),
+        (["schedule", "nowhere.json", "--policy", "rm", "--until", "9"], "schedule: nowhere.json: No such file or directory\n"),
+        (["windows", "nowhere.csv", "--period-ns", "9"], "nowhere.csv: No such file or directory\n"),
+        (["cache", "nowhere.npz"], "there is no file nowhere.npz\n"),
+        (["frames", "nowhere.txt"], "nowhere.txt: No such file or directory\n"),
+        (["trace", LOG, "--export", "nowhere/run.json"], "labkit trace: nowhere/run.json: No such file or directory\n"),
+        (["trace", LOG, "--fit", "nowhere/t.json"], "labkit trace: nowhere/t.json: No such file or directory\n"),
     ],
 )
 def test_a_mistake_is_one_sentence_and_exit_code_1(arguments, sentence, capsys):
@@ -155,6 +170,17 @@ def test_replay_writes_both_files(tmp_path, capsys):
     with open(events, newline="") as ours, open(ORACLE / "02_inversion_mutex.csv", newline="") as theirs:
         kinds = ("switch", "done", "inherit", "disinherit")
         assert [r for r in csv.reader(ours) if r[1] in kinds] == [r for r in csv.reader(theirs) if r[1] in kinds]
+
+
+def test_replay_without_outputs_tells_who_ran_how_long(capsys):
+    assert main(["replay", str(ORACLE / "02_inversion_mutex.json")]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    ran = dict.fromkeys("HLM", 0)
+    with open(ORACLE / "02_inversion_mutex.timeline.csv", newline="") as file:
+        for row in csv.DictReader(file):
+            ran[row["task"]] = ran.get(row["task"], 0) + int(row["end"]) - int(row["start"])
+    told = {line.split(":")[0].strip(): int(line.split()[1]) for line in lines[1:]}
+    assert told["H"] == ran["H"] > 0 and told["L"] == ran["L"] and "context switches" in lines[0]
 
 
 def test_replay_reports_a_deadlock(tmp_path, capsys):

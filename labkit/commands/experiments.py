@@ -16,9 +16,9 @@ if TYPE_CHECKING:
 
 
 def _list(args: argparse.Namespace) -> None:
-    from labkit.experiments import experiments
+    from labkit.experiments import experiments, find
 
-    known = experiments()
+    known = {args.name: find(args.name)} if args.name else experiments()
     if args.json:
         print_json(
             {
@@ -33,9 +33,11 @@ def _list(args: argparse.Namespace) -> None:
             }
         )
         return
+    width = max(map(len, known))
     for name, cls in known.items():
-        print(f"{name}: {cls.title()}")
-        for p in cls.parameters():
+        print(f"{name:{width}}  {cls.title()}")
+    if args.name:
+        for p in known[args.name].parameters():
             print(f"    {p.name} = {p.default}   {p.doc} ({p.allowed()})")
 
 
@@ -98,7 +100,8 @@ def _value(text: str, parameter: Parameter) -> Any:
 
 def add_to(add: Add) -> None:
     """The commands of this module with their options."""
-    c = add("list", _list, "list the experiments with their parameters")
+    c = add("list", _list, "list the experiments, or the parameters of one")
+    c.add_argument("name", nargs="?")
     c.add_argument("--json", action="store_true")
     c = add("run", _run, "run one experiment and print its numbers")
     c.add_argument("name")

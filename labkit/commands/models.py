@@ -10,13 +10,18 @@ from labkit.outside import read_json
 
 
 def _replay(args: argparse.Namespace) -> None:
-    from labkit.kernel import read_scenario, run_scenario, write_events, write_timeline
+    from labkit.kernel import read_scenario, run_scenario, runtime_stats, write_events, write_timeline
 
     run = run_scenario(read_scenario(args.scenario))
     for path, write in ((args.timeline, write_timeline), (args.events, write_events)):
         if path:
             with open(path, "w", encoding="utf-8", newline="") as file:
                 write(run, file)
+    if not (args.timeline or args.events):
+        stats, ticks = runtime_stats(run), run.trace.end // run.tick
+        print(f"{ticks} ticks, {len(run.trace)} events, {stats.switches} context switches")
+        for task in stats.tasks:
+            print(f"    {task.name}: {task.time / run.tick:g} ticks, {task.share:.1%}")
     for wait in run.deadlock:
         print(f"deadlock: {wait}")
 
@@ -73,7 +78,7 @@ def _windows(args: argparse.Namespace) -> None:
 
 def add_to(add: Add) -> None:
     """The commands of this module with their options."""
-    c = add("replay", _replay, "run a kernel scenario and write who ran when")
+    c = add("replay", _replay, "run a kernel scenario: who ran how long, or when")
     c.add_argument("scenario", metavar="SCENARIO.json")
     c.add_argument("--timeline", metavar="T.csv", help="who consumed each tick: start,end,task")
     c.add_argument("--events", metavar="E.csv", help="every kernel event: tick,event,task,detail")
