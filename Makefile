@@ -3,7 +3,8 @@ PYTHON ?= python3
 VENV := .venv
 LAB := $(VENV)/.lab-installed
 TOOLS := $(VENV)/.tools-installed
-NOTEBOOK ?= notebooks/00_start_here.ipynb
+MINE ?= my-lab
+NOTEBOOK ?= $(MINE)/00_start_here.ipynb
 FUZZ_INPUTS ?= 100000
 
 # Jupyter keeps its settings, layouts and tokens inside the environment: nothing of the user's own set-up is read or written.
@@ -29,7 +30,7 @@ unexport PYTHONDONTWRITEBYTECODE  # else everything would be compiled again at e
 .PHONY: help lab test check fuzz bench notebooks lock clean
 
 help:
-	@echo "make lab         install what is missing and open the lab (NOTEBOOK=notebooks/... opens another one)"
+	@echo "make lab         install what is missing and open the lab in $(MINE), your own copy (NOTEBOOK=... opens another one)"
 	@echo "make test        install what is missing, the test tools too, and run every test"
 	@echo "make check       form, lint and types: ruff and mypy, as .ci/run demands them"
 	@echo "make fuzz        damaged input for every reader and command, $(FUZZ_INPUTS) pieces each (FUZZ_INPUTS=...)"
@@ -40,6 +41,7 @@ help:
 	@echo "PYTHON=python3.12 in front or behind chooses the interpreter (3.11 to 3.14)."
 
 lab: $(LAB)
+	@$(VENV)/bin/python -m labkit.workcopy notebooks "$(MINE)"
 	$(JUPYTER_ENV) $(VENV)/bin/python -m jupyterlab $(AS_ROOT) $(OFFLINE) $(QUICK) \
 	    --ServerApp.root_dir="$(CURDIR)" --LabApp.default_url=/lab/tree/$(NOTEBOOK)
 

@@ -26,6 +26,7 @@ FLOOR = {
     "experiment": 0,
     "data": 0,
     "server": 0,  # loaded by the Jupyter server, without the lab
+    "workcopy": 0,  # run by `make lab` before it
     "sweeping": 1,
     "scheduler": 1,
     "cache": 1,
