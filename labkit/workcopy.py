@@ -1,4 +1,4 @@
-"""`make lab` opens copies of the notebooks, so that a Save never touches what the repository holds, and an update never conflicts.
+"""`make lab` opens copies of the notebooks: a Save never touches what the repository holds, and an update never conflicts.
 
     python -m labkit.workcopy notebooks my-lab
 
