@@ -19,7 +19,7 @@ import numpy as np
 import pytest
 
 from labkit.__main__ import main, parser
-from labkit.cache import read_trace
+from labkit.cache import read_references, read_trace
 from labkit.data import example
 from labkit.fusion import (
     GlobalNearest,
@@ -35,9 +35,9 @@ from labkit.fusion import (
 from labkit.kernel import Kernel, read_scenario, run_scenario, write_events, write_timeline
 from labkit.outside import read_json
 from labkit.phases import read_chain, windows
-from labkit.scheduler import schedule, write_schedule
+from labkit.scheduler import fitted, schedule, write_schedule
 from labkit.sink import encode_frame, read_frames
-from labkit.trace import Trace, export_csv, export_npz, read_csv, read_log, read_npz, statistics
+from labkit.trace import Trace, export_chrome, export_csv, export_npz, read_csv, read_log, read_npz, read_recording, statistics
 
 HERE = Path(__file__).parent
 _spec = importlib.util.spec_from_file_location("damage", HERE / "damage.py")
@@ -144,6 +144,31 @@ def take_log(path):
     return str(report), statistics(trace)
 
 
+EXAMPLES = HERE.parents[1] / "data" / "examples"
+
+
+def take_recording(path):
+    """Whatever is read, every line or event of it is accounted for."""
+    trace, report = read_recording(path)
+    assert report.lines == report.stamps + report.skipped + report.rejected + report.comments + report.empty
+    json.dumps(report.as_dict(), allow_nan=False)
+    with contextlib.suppress(ValueError):
+        json.dumps(fitted(trace), allow_nan=False)
+    return str(report), statistics(trace)
+
+
+def json_traces() -> list[bytes]:
+    made = []
+    for trace in traces():
+        file = io.StringIO()
+        export_chrome(trace, file)
+        made.append(file.getvalue().encode())
+    spans = [
+        {"ph": ph, "pid": 1, "tid": i % 2, "name": "fg"[i % 3 == 0], "ts": 1.5 * i, "dur": 4} for i, ph in enumerate("XXBEXXBBEE")
+    ]
+    return [*made, json.dumps({"traceEvents": spans}).encode(), json.dumps(spans).encode()]
+
+
 def take_scenario(path):
     run = run_scenario(read_scenario(path))
     write_events(run, io.StringIO())
@@ -188,6 +213,14 @@ def take_positions(path):
 
 READERS = {
     "log": (damage.damaged, logs, take_log),
+    "ftrace": (damage.damaged, lambda: read(EXAMPLES, "linux_ftrace.txt"), take_recording),
+    "btf": (damage.damaged, lambda: read(EXAMPLES, "board.btf"), take_recording),
+    "json trace": (damage.damaged_json, json_traces, take_recording),
+    "any trace": (
+        damage.damaged,
+        lambda: [*csv_traces(), *npz_traces(), *json_traces(), *read(EXAMPLES, "board.btf", "linux_ftrace.txt", "board.log")],
+        take_recording,
+    ),
     "csv trace": (damage.damaged, csv_traces, lambda path: statistics(read_csv(path))),
     "scenario": (damage.damaged_json, lambda: read(ORACLE / "freertos", *SCENARIOS), take_scenario),
     "tasks": (damage.damaged_json, lambda: [json.dumps(TASKS).encode()], take_tasks),
@@ -200,6 +233,7 @@ READERS = {
         take_scans,
     ),
     "positions": (damage.damaged, lambda: [POSITIONS], take_positions),
+    "reference text": (damage.damaged, lambda: read(EXAMPLES, "sum_lackey.txt", "sum_dinero.din"), read_references),
     "references": (damage.damaged_npz, references, read_trace),
 }
 
@@ -239,13 +273,17 @@ def test_a_reader_takes_damaged_input_or_says_what_is_wrong(reader, batch, tmp_p
 
 
 COMMANDS = {
-    "list": [["list"], ["list", "--json"]],
+    "list": [["list"], ["list", "--json"], ["list", "alignment"]],
     "run": [
         ["run", "priority-inversion", "--set", "hold=8", "--set", "protocol=ceiling", "--json"],
         ["run", "alignment", "--set", "offset=3"],
     ],
-    "trace": [["trace", "board.log", "--json", "--export", "out.json"], ["trace", "board.log", "--clock-hz", "216000000"]],
-    "replay": [["replay", "scenario.json", "--timeline", "t.csv", "--events", "e.csv"]],
+    "trace": [
+        ["trace", "board.log", "--json", "--export", "out.json"],
+        ["trace", "board.log", "--clock-hz", "216000000"],
+        ["trace", "linux.txt", "--fit", "fit.json", "--core", "0"],
+    ],
+    "replay": [["replay", "scenario.json", "--timeline", "t.csv", "--events", "e.csv"], ["replay", "scenario.json"]],
     "schedule": [["schedule", "tasks.json", "--policy", p, "--until", "35", "--trace", "out.csv"] for p in ("rm", "edf", "taft")],
     "cache": [
         ["cache", "data.npz", "--size", "4096", "--ways", "2", "--line", "16", "--policy", "plru", "--seed", "3", "--json"]
@@ -270,6 +308,7 @@ def test_a_command_line_runs_or_says_what_is_wrong(command, batch, tmp_path, mon
     rng = random.Random(f"{command} {batch}")
     files = {
         "board.log": (ORACLE / "logs" / "xu2025_listing37_5000_2000hz.log").read_bytes(),
+        "linux.txt": b"".join((EXAMPLES / "linux_ftrace.txt").read_bytes().splitlines(keepends=True)[:40]),
         "scenario.json": (ORACLE / "freertos" / SCENARIOS[0]).read_bytes(),
         "tasks.json": json.dumps(TASKS).encode(),
         "data.npz": references()[0],

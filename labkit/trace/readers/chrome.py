@@ -121,7 +121,7 @@ def _own(title: str, events: list[dict[str, Any]], given: dict[str, Any]) -> tup
             raise LogError("the names must be different from each other")
         rows = [row for event in events for row in _rows(event, codes, head["hz"] / 1e6, head["end"])]
         table = np.array(rows, dtype=np.int64).reshape(-1, len(COLUMNS) + 2)
-    except (KeyError, TypeError, ValueError, OverflowError, LogError) as error:
+    except (LookupError, TypeError, ValueError, AttributeError, OverflowError) as error:
         raise LogError(f"{title}: not as export_chrome wrote it ({type(error).__name__}: {told(str(error))})") from None
     table = table[np.lexsort((table[:, 0], table[:, -1], table[:, 1]))]
     columns = {name: table[:, at] for at, name in enumerate(COLUMNS, 1)}
