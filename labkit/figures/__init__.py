@@ -4,13 +4,29 @@ from labkit.figures.cache_map import cache_map
 from labkit.figures.comparison import Bar, Factor, Pair, dumbbells, factors, stacked
 from labkit.figures.cursor import cursor, happening
 from labkit.figures.curves import Curve, curves
+from labkit.figures.field import (
+    arc_lines,
+    circle,
+    disc_lines,
+    dots,
+    drawn,
+    edge_lines,
+    element_lines,
+    from_above,
+    outlines,
+    polygon_lines,
+    scanners,
+    there,
+)
 from labkit.figures.gantt import gantt
 from labkit.figures.history import History
 from labkit.figures.interleaving import Access, Cell, interleaving
 from labkit.figures.lanes import Lane, Move, Span, lanes
+from labkit.figures.lengths import lengths
 from labkit.figures.margins import Response, reserve, responses
 from labkit.figures.panel import Panel, stack
 from labkit.figures.phases import activity_stack, periods_gantt, plan, verdict_grid
+from labkit.figures.sequence import Hop, sequence
 from labkit.figures.steps import Marks, Steps, priorities, steps
 from labkit.figures.style import (
     BLUE,
@@ -52,6 +68,7 @@ __all__ = [
     "Dots",
     "Factor",
     "History",
+    "Hop",
     "Lane",
     "Marks",
     "Move",
@@ -62,28 +79,42 @@ __all__ = [
     "Steps",
     "Way",
     "activity_stack",
+    "arc_lines",
     "axis",
     "cache_map",
+    "circle",
     "colours",
     "cursor",
     "curves",
+    "disc_lines",
+    "dots",
+    "drawn",
     "dumbbells",
+    "edge_lines",
+    "element_lines",
     "ellipse",
     "factors",
+    "from_above",
     "gantt",
     "happening",
     "held",
     "interleaving",
     "key",
     "lanes",
+    "lengths",
+    "outlines",
     "periods_gantt",
     "plan",
+    "polygon_lines",
     "priorities",
     "reserve",
     "responses",
+    "scanners",
+    "sequence",
     "stack",
     "stacked",
     "steps",
+    "there",
     "tracks",
     "verdict_grid",
 ]

@@ -13,7 +13,7 @@ loss is needed.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from itertools import product
@@ -28,7 +28,7 @@ Adversary = Literal["assumption", "anything"]
 Lost = frozenset[tuple[int, "int | Literal['poll', 'answer']"]]
 
 #: How a pattern can end, the worst last.
-OUTCOMES = ("delivered by all", "delivered by none", "one has left, and knows it", "disagreement")
+OUTCOMES = ("delivered by all", "delivered by none", "delivered by those who stayed", "disagreement")
 
 
 @dataclass(frozen=True)
@@ -136,8 +136,12 @@ class _Way:
     went: Went = (True, ())
 
 
-def every_pattern(group: Group, adversary: Adversary = "anything", senders: int = 1) -> Found:
+def every_pattern(
+    group: Group, adversary: Adversary = "anything", senders: int = 1, watch: Callable[[range], Iterable[int]] = iter
+) -> Found:
     """Look at all patterns of losses. Meant for 2 or 3 stations and an omission degree of 1 or 2.
+
+    `watch` is given the slots and hands them out: for whoever shows how far the search is, or wants to end it.
 
     Raises:
         ValueError: an adversary that does not exist, or more senders than stations.
@@ -150,7 +154,7 @@ def every_pattern(group: Group, adversary: Adversary = "anything", senders: int 
     start = tuple(search.number(thing) for thing in (point, *map(_Side, stations)))
     layers = [{start: _Way(1, 0)}]
     latest: tuple[int, int, Key, Went] | None = None
-    for slot in range(slots):
+    for slot in watch(range(slots)):
         after: dict[Key, _Way] = {}
         for here, way in layers[-1].items():
             for there, ways, losses, went, delivers in search.steps(slot, here):
@@ -315,6 +319,7 @@ def _outcome(point: AccessPoint, sides: Sequence[_Side]) -> str:
     for mine, ended in zip(delivered, stays):
         if list(mine) != [order for order in orders if any(a <= order < b for a, b in ended)]:
             return "disagreement"
-    if any(ended != ((0, point.next),) for ended in stays):
-        return "one has left, and knows it"
-    return "delivered by all" if orders else "delivered by none"
+    if not orders:
+        return "delivered by none"
+    stayed = all(ended == ((0, point.next),) for ended in stays)
+    return "delivered by all" if stayed else "delivered by those who stayed"

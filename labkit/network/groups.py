@@ -258,7 +258,11 @@ class Station:
         """Its answer when it is polled in this slot."""
         if not self.inside:
             return Answer((), None, True)
-        offer = self.offer if self.offer is not None and slot - self.offer.slot <= self.group.offered else None
+        offer = self.offer
+        if offer is not None:
+            taken = any(packet.source == self.me and packet.number == offer.number for packet in self.held)
+            if taken or slot - offer.slot > self.group.offered:
+                offer = None
         return Answer(tuple(packet.order for packet in self.held), offer, False)
 
     def receive(self, said: Broadcast) -> tuple[Station, tuple[Packet, ...]]:

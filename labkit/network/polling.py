@@ -97,7 +97,7 @@ def converse(
         message.on = frozenset(i for i in range(stations) if talk.on(i, slot) and talk.on(i, end))
         message.owed = message.on if len(message.orders) < count else message.on & polls.owed(message.orders)
     bound = polls.bound_ns(count, slot_ns)
-    return Conversation(tuple(talk.sent), talk.out_of_order, polls.left, slot_ns * stations, bound, *spent, radio.counts.sent)
+    return Conversation(tuple(talk.sent), polls.left, slot_ns * stations, bound, *spent, radio.counts.sent)
 
 
 def overhead(group: Group) -> tuple[int, int]:

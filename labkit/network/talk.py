@@ -73,7 +73,7 @@ class Talk:
     Attributes:
         size: of a message in bytes. last_slot: the first one in which no message begins any more.
         late, silent: station -> slot from which on it is switched on, or off.
-        sent: all messages. out_of_order: deliveries of something that stands before what the station has delivered already.
+        sent: all messages.
     """
 
     stations: int
@@ -82,7 +82,6 @@ class Talk:
     late: Mapping[int, int]
     silent: Mapping[int, int]
     sent: list[Sent] = field(default_factory=list)
-    out_of_order: int = 0
 
     def __post_init__(self) -> None:
         self._of: list[list[Sent]] = [[] for _ in range(self.stations)]
@@ -118,8 +117,9 @@ class Talk:
 
     def deliver(self, station: int, packet: Packet, now: int) -> None:
         """A station takes a packet over; if that completes its message, the message is delivered."""
-        self.out_of_order += packet.order < self._last[station]
-        self._last[station] = max(self._last[station], packet.order)
+        early, self._last[station] = packet.order < self._last[station], max(self._last[station], packet.order)
         message = self._desks[station][packet.source].add(packet.load)
         if message is not None:
-            self._of[packet.source][message.number].delivered[station] = now
+            sent = self._of[packet.source][message.number]
+            sent.delivered[station] = now
+            sent.out_of_order |= early
