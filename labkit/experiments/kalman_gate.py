@@ -33,6 +33,7 @@ from labkit.fusion import (
 
 RUNS, PERIODS, WARM, SHOWN = 150, 20, 10, 25  # runs; periods of each; looks before shares count; runs whose innovations are drawn
 REACH = 40  # cm of the dart-board
+LargestError = Annotated[float, Interval(ge=1, le=10), MultipleOf(0.5), Unit("sigma"), Doc("largest error in the gate (5.32)")]
 CUTOFF = 0.5  # m of OSPA and GOSPA
 USED = {"used": "used all the same", "left out": "left out"}
 RULES = {"global": "global nearest neighbour", "source": "source: most recent first", "joint": "joint compatibility"}
@@ -57,7 +58,7 @@ class GateShare(Experiment[Gates]):
     speed: Speed = 1.0
     sigma: Sigma = 3.0
     a_max: Annotated[float, Interval(ge=0, le=10), MultipleOf(0.5), Unit("m/s²"), Doc("largest acceleration in (5.32)")] = 1.0
-    e_max: Annotated[float, Interval(ge=1, le=10), MultipleOf(0.5), Unit("sigma"), Doc("largest error in (5.32)")] = 3.0
+    e_max: LargestError = 3.0
     q: Density = "0.1"
     rejected: Annotated[Literal["used", "left out"], Labels(USED), Doc("a rejected measurement is")] = "used"
 
@@ -143,6 +144,7 @@ class CrossingElements(Experiment[Followed]):
     """
 
     rule: Annotated[Literal["global", "source", "joint"], Labels(RULES), Doc("who gets which measurement")] = "global"
+    e_max: LargestError = 3.0
     elements: Annotated[int, Interval(ge=1, le=6), Doc("that move")] = 4
     speed: Annotated[float, Interval(ge=0.1, le=0.5), MultipleOf(0.1), Unit("m/s"), Doc("of each")] = 0.5
     apart: Annotated[float, Interval(ge=0, le=1), MultipleOf(0.1), Unit("m"), Doc("they pass the middle so far off, at most")] = (
@@ -157,7 +159,11 @@ class CrossingElements(Experiment[Followed]):
     def run(self) -> Followed:
         sigma = self.sigma / 100
         world = Crossing(self.elements, self.speed, self.apart, sigma, self.missed / 100, self.false, self.seed)
-        rules: dict[str, Rule] = {"global": GlobalNearest(), "source": NearestFirst(e_max=3 * sigma), "joint": JointCompatible()}
+        rules: dict[str, Rule] = {
+            "global": GlobalNearest(),
+            "source": NearestFirst(e_max=self.e_max * sigma),
+            "joint": JointCompatible(),
+        }
         tracker = Tracker(lambda first: start("cv", float(self.q), first), rules[self.rule])
         owners, places, real, times, distances, costs = [], [], [], [], [], []
         for look, elements in world.looks(PERIODS):
