@@ -10,12 +10,12 @@ from annotated_types import Interval, Unit
 from typing_extensions import Doc
 
 from labkit.experiment import Experiment, Feedback, Metric, View
-from labkit.figures import BLUE, GREY, ORANGE, PALE, SKY, VERMILION, Bar, Curve, axis, curves, lengths, stack, stacked
+from labkit.figures import BLUE, GREY, ORANGE, SKY, VERMILION, Bar, Curve, axis, curves, lengths, stack, stacked
 from labkit.network import BYTE_NS, FRAME_NS, WAYS, Conversation, GilbertElliott, Loss, Way, converse, fragment_count, reaches_all
 
 MS = 1_000_000
 MESSAGES = 120  # about so many packets could be sent in a run
-PARTS = {"delivered to all": BLUE, "to a smaller group": SKY, "lost for all": PALE, "disagreement": VERMILION}
+PARTS = {"delivered to all": BLUE, "to a smaller group": SKY, "lost for all": GREY, "disagreement": VERMILION}
 DEGREES = range(1, 6)
 
 Stations = Annotated[int, Interval(ge=2, le=10), Doc("stations in the group")]
@@ -76,6 +76,7 @@ class GroupCommunication(Experiment[Mapping[Way, Conversation]]):
             ],
             height=400,
             keys=("bound by analysis",),
+            barmode="stack",
         )
 
     def metrics(self, result: Mapping[Way, Conversation]) -> list[Metric]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, Literal
 
@@ -57,16 +58,7 @@ class LossPatterns(Experiment[Told]):
 
     def figure(self, result: Told) -> dict[str, Any]:
         turns = result.worst if self.shown == "worst" else result.latest
-        hops, states = story(turns, self.stations)
-        step = min(self.step, len(hops))
-        now = (
-            f"Step {step} of {len(hops)}, slot {hops[step - 1].slot}: {hops[step - 1].text}"
-            if step
-            else "Nothing has happened yet"
-        )
-        end = f". {ending(states[-1])}" if step == len(hops) else ""
-        lanes = ["access point", *(f"S{i}" for i in range(self.stations))]
-        return sequence(lanes, hops, states, step, now + end)
+        return picture(turns, self.stations, self.step)
 
     def metrics(self, result: Told) -> list[Metric]:
         found = result.found
@@ -86,6 +78,74 @@ class LossPatterns(Experiment[Told]):
             Metric("delivered by those who stayed", 100 * left / found.patterns, "%", note="who left cannot agree, and knows it"),
             Metric("fewest losses for the worst", len(found.losses[worst]), note=f"the worst that happens: {worst}"),
         ]
+
+
+WHAT = {
+    "nothing": "nothing",
+    "poll": "the poll",
+    "answer": "the answer",
+    "to S0": "the broadcast to S0",
+    "to S1": "the broadcast to S1",
+    "to S2": "the broadcast to S2",
+}
+
+
+class OneLoss(Experiment[tuple[Turn, ...]]):
+    """What does one lost transmission cost?
+
+    Station 0 has a packet, A, for the others. One transmission is lost, in one slot or in the same slot of several rounds in a
+    row.
+    """
+
+    step: Annotated[int, Interval(ge=0, le=MOST_STEPS), View(), Doc("how many transmissions have happened")] = MOST_STEPS
+    lost: Annotated[
+        Literal["nothing", "poll", "answer", "to S0", "to S1", "to S2"], Labels(WHAT), Doc("the transmission that is lost")
+    ] = "answer"
+    slot: Annotated[int, Interval(ge=0, le=8), Doc("in which slot; slot k belongs to station k mod the number of stations")] = 1
+    rounds: Annotated[int, Interval(ge=1, le=5), Doc("in so many rounds in a row")] = 1
+    stations: Annotated[int, Interval(ge=2, le=3), Doc("stations in the group")] = 2
+    omission_degree: Annotated[int, Interval(ge=1, le=2), Doc("OD: a packet is sent OD + 1 times at most")] = 1
+
+    def without_effect(self) -> Mapping[str, str]:
+        idle = {"slot": "when something is lost", "rounds": "when something is lost"}
+        return idle if self.lost == "nothing" else {}
+
+    def run(self) -> tuple[Turn, ...]:
+        what: Any = int(self.lost[-1]) if self.lost.startswith("to S") else self.lost
+        slots = range(self.slot, self.slot + self.rounds * self.stations, self.stations)
+        lost = frozenset() if self.lost == "nothing" else frozenset((slot, what) for slot in slots)
+        return play(Group(self.stations, self.omission_degree), 1, lost)
+
+    def figure(self, result: tuple[Turn, ...]) -> dict[str, Any]:
+        return picture(result, self.stations, self.step)
+
+    def metrics(self, result: tuple[Turn, ...]) -> list[Metric]:
+        when = [turn.slot + 1 for turn in result for _ in turn.delivered]
+        least = self.stations  # without a loss the last acknowledgement comes in the last slot of the first round
+        complete = len(when) == self.stations
+        why = "" if complete else "not all deliver it"
+        sent = [turn for turn in result if turn.said.packet is not None]
+        return [
+            Metric(
+                "delivered by all after",
+                max(when) if complete else None,
+                "slots",
+                bound=Group(self.stations, self.omission_degree).bound_rounds * self.stations,
+                note=why or "after it was offered first",
+            ),
+            Metric("cost", max(when) - least if complete else None, "slots", note=why or "against nothing lost"),
+            Metric("times sent", len(sent)),
+            Metric("left the group", len({i for turn in result for i in turn.left}), "stations"),
+        ]
+
+
+def picture(turns: tuple[Turn, ...], stations: int, step: int) -> dict[str, Any]:
+    """The sequence diagram of a played pattern, up to a step."""
+    hops, states = story(turns, stations)
+    step = min(step, len(hops))
+    now = f"Step {step} of {len(hops)}, slot {hops[step - 1].slot}: {hops[step - 1].text}" if step else "Nothing has happened yet"
+    end = f". {ending(states[-1])}" if step == len(hops) else ""
+    return sequence(["access point", *(f"S{i}" for i in range(stations))], hops, states, step, now + end)
 
 
 def power(count: int) -> str:
@@ -186,3 +246,15 @@ def told(lost: Lost) -> str:
     words = {"poll": "the poll", "answer": "the answer"}
     parts = sorted(lost, key=lambda one: (one[0], str(one[1])))
     return ", ".join(f"slot {slot} {words.get(str(what), f'the broadcast to S{what}')}" for slot, what in parts)
+
+
+def check_leaves(lost: Lost) -> Feedback:
+    """Exercise: losses after which S0 delivers A in a group of two with an omission degree of 1, and S1 cannot, and knows it."""
+    turns = play(Group(2, 1), 1, frozenset(lost))
+    who = {i for turn in turns for i, _ in turn.delivered}
+    left = {i for turn in turns for i in turn.left}
+    if who != {0}:
+        return Feedback(False, "both deliver it" if who else "nobody delivers it")
+    if 1 not in left:
+        return Feedback(False, "S1 is still in the group; that would be a disagreement")
+    return Feedback(True, f"S0 delivers A, S1 does not and has left the group: {told(frozenset(lost))}")

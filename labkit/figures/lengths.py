@@ -21,7 +21,7 @@ def lengths(
     most = x["range"][1]
     shown = [min(value or 0, most) for value in values]
     ends = [max(pair) for pair in zip(shown, bounds or shown, strict=True)]
-    words = ["–" if value is None else f"{value:.3g} {unit}" for value in values]
+    words = ["–" if value is None else f"{value:.3g} {unit}" if value < 1000 else f"{value:.0f} {unit}" for value in values]
     drawn = [
         _bars(list(bounds or [0] * len(at)), at, 0.72, BOUND, "bound", unit),
         _bars(shown, at, 0.4, {"color": colour}, "here", unit),
@@ -48,8 +48,9 @@ def _bars(length: Sequence[float], at: Sequence[float], width: float, marker: Sp
         "orientation": "h",
         "x": length,
         "y": at,
+        "base": 0,  # never stacked, whatever the panels beside do
         "width": width,
         "marker": marker,
         "showlegend": False,
-        "hovertemplate": f"{words} %{{x:.3g}} {unit}<extra></extra>",
+        "hovertemplate": f"{words} %{{x:.4g}} {unit}<extra></extra>",
     }

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from labkit.figures.panel import Panel, stack
 from labkit.figures.style import BLUE, FONT, GREEN, GREY, INK, PALE, PURPLE, SKY, SMALL, VERMILION, Spec, axis, key
 
-ROWS = 18  # that fit into the picture; it scrolls with the step shown
-HEIGHT = 500
+ROWS = 15  # that fit into the picture; it scrolls with the step shown
+HEIGHT = 430
 WORDS = 58  # letters beside a row, at most
 TEXT_ROOM = 2.2  # lanes
 
