@@ -7,7 +7,7 @@ whoever reads an encoder or sets a motor.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -90,7 +90,7 @@ def drive(
     gains: Wheels = (1.0, 1.0, 1.0, 1.0),
     loss: float = 0.0,
     seed: int = 0,
-    watch: Callable[[Iterable[int], int], Iterator[int]] | None = None,
+    watch: Callable[[Iterable[int], int], Iterable[int]] = lambda samples, total: samples,
 ) -> Drive:
     """Drive a course and record it.
 
@@ -114,7 +114,7 @@ def drive(
     world.process(_operator(world, board, course, seconds, np.random.default_rng(seed), loss))
     total = max(1, round(seconds * SAMPLES))
     rows, ideal, step = [], (0.0, 0.0, 0.0), CPU_HZ // SAMPLES
-    for sample in (watch or _quietly)(range(1, total + 1), total):
+    for sample in watch(range(1, total + 1), total):
         end = sample * step
         while world.peek() < end:
             board.advance(int(world.peek()))
@@ -135,10 +135,6 @@ def _operator(world: Any, board: Board, course: str, seconds: float, rng: np.ran
         if rng.random() >= loss:
             board.command(wish)
         yield world.timeout(CPU_HZ // FRAMES)
-
-
-def _quietly(samples: Iterable[int], total: int) -> Iterator[int]:
-    return iter(samples)
 
 
 def motors(spread: float) -> Wheels:

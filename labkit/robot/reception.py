@@ -15,11 +15,7 @@ from dataclasses import dataclass, field
 
 from labkit.checks import whole
 from labkit.robot.control import Velocity
-from labkit.sink import FRAME_BYTES, Reception, check_frame, encode_frame, read_late
-
-#: The velocity link of source 1, bit/s.
-BAUD = 115_200
-BITS_PER_BYTE = 10  # start, eight data bits, stop
+from labkit.sink import BITS_PER_BYTE, FRAME_BYTES, VELOCITY_BAUD, Reception, check_frame, encode_frame, read_late
 
 
 @dataclass(frozen=True)
@@ -53,7 +49,7 @@ class VelocityLine:
     """
 
     hz: int
-    baud: int = BAUD
+    baud: int = VELOCITY_BAUD
     buffers: int = 1
     begins: list[int] = field(default_factory=list)
     frames: list[bytes] = field(default_factory=list)

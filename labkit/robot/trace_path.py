@@ -22,10 +22,10 @@ from typing import Any, Literal
 import numpy as np
 
 from labkit.kernel import Costs, Kernel
+from labkit.sink import BITS_PER_BYTE
 from labkit.trace import CODE, Trace
 
 SWITCH = CODE["switch"]
-BITS_PER_BYTE = 10  # on the UART: start, eight data bits, stop
 COPY = 4  # cycles per byte written into the ring, under the mutex; the rest of a line's cost is its formatting
 Body = Callable[[Any], Any]
 FIXED = {"record": 8, "word": 4}  # bytes of a stamp; a text line depends on its name and time

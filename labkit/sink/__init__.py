@@ -7,14 +7,26 @@ from labkit.sink.check import Check, check_sink, default_ring, sample_run
 from labkit.sink.crc import crc32_mpeg2, crc32_mpeg2_bitwise, crc32_mpeg2_words
 from labkit.sink.explorer import BUDGET, VERDICTS
 from labkit.sink.formats import Decoded, Stream, decode_records, decode_words, link_load
-from labkit.sink.frames import FRAME_BYTES, Reception, check_frame, encode_frame, pieces, read_frames, read_late, receptions
+from labkit.sink.frames import (
+    BITS_PER_BYTE,
+    FRAME_BYTES,
+    VELOCITY_BAUD,
+    Reception,
+    check_frame,
+    encode_frame,
+    pieces,
+    read_frames,
+    read_late,
+    receptions,
+)
 from labkit.sink.history import Step
 from labkit.sink.lessons import LESSONS, PREAMBLE, Lesson
 from labkit.sink.ring import SCHEDULES, Ring
-from labkit.sink.stamps import CLOCK_HZ, Stamp, StampCosts, StampRing, unwrap, wrap, wrap_seconds
+from labkit.sink.stamps import CLOCK_HZ, Stamp, StampRing, unwrap, wrap, wrap_seconds
 from labkit.sink.variants import VARIANTS, Variant
 
 __all__ = [
+    "BITS_PER_BYTE",
     "BUDGET",
     "CLOCK_HZ",
     "FRAME_BYTES",
@@ -22,6 +34,7 @@ __all__ = [
     "PREAMBLE",
     "SCHEDULES",
     "VARIANTS",
+    "VELOCITY_BAUD",
     "VERDICTS",
     "Check",
     "Decoded",
@@ -29,7 +42,6 @@ __all__ = [
     "Reception",
     "Ring",
     "Stamp",
-    "StampCosts",
     "StampRing",
     "Step",
     "Stream",

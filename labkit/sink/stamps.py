@@ -6,7 +6,6 @@ kernel, where nothing may wait: into a ring of 512, printed later by the task `p
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -65,29 +64,6 @@ class Stamp(NamedTuple):
     name: str
     cycle: int
     begin: bool
-
-
-@dataclass(frozen=True)
-class StampCosts:
-    """What a stamp costs the one who makes it, in CPU cycles. The source states none of them: set what you measured.
-
-    Attributes:
-        switch: a context switch's: read the counter, fetch-and-add, store three words.
-        scope: a scope's: read the counter, format the line, take and give the mutex.
-        byte: of a scope's line, each byte that is pushed.
-    """
-
-    switch: int = 30
-    scope: int = 600
-    byte: int = 20
-
-    def __post_init__(self) -> None:
-        for name in ("switch", "scope", "byte"):
-            whole(getattr(self, name), 0, f"the cost {name} of a stamp in cycles")
-
-    def of_line(self, line: bytes) -> int:
-        """A scope stamp that is this line."""
-        return self.scope + self.byte * len(line)
 
 
 class StampRing:

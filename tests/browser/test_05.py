@@ -3,6 +3,8 @@
 import pytest
 from playwright.sync_api import expect
 
+from labkit import RobotPath
+
 pytestmark = pytest.mark.browser
 
 
@@ -24,8 +26,15 @@ def test_tick_rates(open_notebook):
     assert 0 < low < high < 60
     nb.screenshot("05_zoomed")
 
+    before = rates.locator(".lab-metrics").inner_text()
+    rates.locator(".lab-scopes input").check()
+    expect(rates.locator(".lab-code")).to_contain_text("scopes=True")
+    expect(rates.locator(".lab-metrics")).not_to_have_text(before)
+    nb.screenshot("05_scopes")
+
+    seen = f"{RobotPath().measure('way seen by the odometry'):.4g} %"
     path = nb.page.locator(".lab-bench").filter(has=nb.page.locator(".lab-code", has_text="RobotPath("))
-    expect(path.locator(".lab-metrics")).to_contain_text("60.57 %")
+    expect(path.locator(".lab-metrics")).to_contain_text(seen)
     path.locator(".lab-channel select").select_option(index=1)
-    expect(path.locator(".lab-metrics")).not_to_contain_text("60.57 %")
+    expect(path.locator(".lab-metrics")).not_to_contain_text(seen)
     expect(nb.page.locator(".lab-error")).to_have_count(0)

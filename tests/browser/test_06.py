@@ -18,6 +18,13 @@ def test_micro_ros(open_notebook):
     expect(rate.locator(".lab-metrics")).to_contain_text("1000")
     nb.screenshot("06_one")
 
+    rate.locator(".lab-executors select").select_option(index=0)
+    rate.locator(".lab-reliable input").check()
+    expect(rate.locator(".lab-code")).to_contain_text("reliable=True", timeout=60_000)
+    rate.locator(".lab-picture").evaluate("picture => picture.scrollIntoView({ block: 'start' })")
+    nb.page.wait_for_timeout(4000)
+    nb.screenshot("06_reliable")
+
     handle = rate.locator(".lab-round-trip .noUi-handle")
     handle.press("ArrowRight")
     expect(rate.locator(".lab-code")).to_contain_text("round_trip=", timeout=60_000)

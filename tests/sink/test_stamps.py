@@ -13,7 +13,6 @@ from labkit.sink import (
     LESSONS,
     PREAMBLE,
     VARIANTS,
-    StampCosts,
     StampRing,
     Stream,
     decode_records,
@@ -89,14 +88,6 @@ def test_the_loop_of_the_source_prints_the_newest_twice_and_tells_nothing():
         ring.stamp("a", i, True)
     printed = [stamp.cycle for stamp in ring.drain(counted=False)]
     assert printed == [*range(512, 600), *range(88, 512), *range(512, 600)] and ring.lost == 0
-
-
-def test_costs():
-    assert StampCosts(scope=100, byte=3).of_line(b"IDLE 1 0\n") == 127
-    with pytest.raises(
-        ValueError, match=r"^the cost switch of a stamp in cycles is -1; a whole number of at least 0 is allowed$"
-    ):
-        StampCosts(switch=-1)
 
 
 # --------------------------------------------------------------------------------------------------------------- formats
