@@ -89,17 +89,7 @@ def run_scenario(scenario: Scenario, protocol: str = "freertos") -> Run:
 
     Errors: ValueError as from `Kernel.run`, or after `MOST_EVENTS`.
     """
-    k = Kernel(
-        *(1000, 1000, scenario.priorities),
-        time_slicing=scenario.time_slicing,
-        most_events=MOST_EVENTS,
-        idle_should_yield=scenario.idle_should_yield,
-        pending_ticks=scenario.pending_ticks,
-        timer_priority=scenario.timer_priority,
-        timer_queue=scenario.timer_queue,
-    )
-    _Play(k, scenario, protocol)
-    return k.run(scenario.end_tick)
+    return Play(scenario, protocol).kernel.run(scenario.end_tick)
 
 
 class _Task:
@@ -111,11 +101,19 @@ class _Task:
         self.selected: Any = None
 
 
-class _Play:
-    """A scenario on a kernel: its objects by name, and how its steps become requests."""
+class Play:
+    """A scenario on a kernel of its own, ready to run: its objects by name, and how its steps become requests."""
 
-    def __init__(self, k: Kernel, scenario: Scenario, protocol: str):
-        self.k = k
+    def __init__(self, scenario: Scenario, protocol: str = "freertos"):
+        k = self.kernel = Kernel(
+            *(1000, 1000, scenario.priorities),
+            time_slicing=scenario.time_slicing,
+            most_events=MOST_EVENTS,
+            idle_should_yield=scenario.idle_should_yield,
+            pending_ticks=scenario.pending_ticks,
+            timer_priority=scenario.timer_priority,
+            timer_queue=scenario.timer_queue,
+        )
         self.objects: dict[str, Any] = {}
         self.tasks = {task.name: task for task in scenario.tasks}
         self.daemon = _Task()
@@ -129,7 +127,7 @@ class _Play:
             k.interrupt(interrupt.tick, self._handler(interrupt))
 
     def _object(self, spec: ObjectSpec, protocol: str, users: list[str] | None) -> Any:
-        k = self.k
+        k = self.kernel
         ceiling = 0 if protocol == "ceiling" else None
         match spec.kind:
             case "mutex":
@@ -153,7 +151,7 @@ class _Play:
 
     def _handle(self, name: Any) -> Any:
         """The object or task of that name; None for a task that does not exist. What is no name stays."""
-        return self.objects.get(name) or self.k.named.get(name) if isinstance(name, str) else name
+        return self.objects.get(name) or self.kernel.named.get(name) if isinstance(name, str) else name
 
     def _handler(self, spec: InterruptSpec) -> Callable[[Any], Any]:
         op = {"recv": "receive", "stream_send": "buffer_send", "message_send": "buffer_send"}.get(spec.op, spec.op)
