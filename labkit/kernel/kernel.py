@@ -1,6 +1,6 @@
 """The FreeRTOS kernel on one core, cycle by cycle: fixed priorities, a tick, time slices, and the services tasks ask it for.
 
-The semantics are the real kernel's, recorded in tests/oracle/freertos, whose README numbers the rules that are cited here.
+The semantics are the real kernel's, recorded in tests/oracle/freertos and freertos2, whose READMEs number the rules cited here.
 
     k = Kernel(cpu_hz=216_000_000)
     lock = k.mutex("lock")
@@ -21,9 +21,10 @@ interrupts. However a simulation is cut into steps, the trace is the same; a ste
         if k.now == plant.next_event():
             k.interrupt(k.now, plant.sample())
 
-Left out: interrupts inside a service or a tick (they wait until it is over), tick overflow, tasks of the idle task's priority,
-event groups, stream buffers, software timers, queue sets, several cores. Caches and bus contention are not modelled: a cycle of
-`compute` is a cycle.
+Left out: interrupts inside a service or a tick (they wait until it is over), tick overflow, several cores, tickless idle,
+co-routines, hooks, deletion of timers and objects, batching buffers, several readers or writers of one buffer. Blocking while the
+scheduler is suspended or inside a critical section is an error here; the real kernel forbids it and goes astray. Caches and bus
+contention are not modelled: a cycle of `compute` is a cycle. The services are listed in `labkit.kernel`.
 """
 
 from __future__ import annotations
