@@ -39,16 +39,20 @@ class ClockSync(Experiment[SyncRun]):
     jitter: Annotated[int, Interval(ge=0, le=50), Unit("us"), Doc("until a reception is noticed, at most")] = 5
     wander: Annotated[int, Interval(ge=0, le=10), Unit("ppm"), Doc("how far a rate walks from its rate error")] = 0
     stations: Annotated[int, Interval(ge=2, le=10), Doc("the master and its slaves")] = 4
-    seconds: Annotated[int, Interval(ge=20, le=3600), Unit("s"), Doc("simulated")] = 60
-    master_dies: Annotated[int, Interval(ge=10, le=3600), Unit("s"), Doc("its last moment; a later one than the end: never")] = (
-        3600
-    )
+    seconds: Annotated[int, Interval(ge=20, le=3600), MultipleOf(20), Unit("s"), Doc("simulated")] = 60
+    master_dies: Annotated[
+        int, Interval(ge=10, le=3600), MultipleOf(10), Unit("s"), Doc("its last moment; a later one than the end: never")
+    ] = 3600
     seed: Seed = 1
 
     @classmethod
     def strategy(cls) -> Any:
         """Short runs only: the long ones differ in nothing but their time."""
-        return super().strategy().map(lambda drawn: drawn.replace(seconds=20 + drawn.seconds % 60))
+        return (
+            super()
+            .strategy()
+            .map(lambda drawn: drawn.replace(seconds=20 + drawn.seconds % 60, master_dies=10 + drawn.master_dies % 90))
+        )
 
     def rates(self) -> list[float]:
         """Rate errors in ppm, the master's first."""
@@ -90,11 +94,22 @@ class ClockSync(Experiment[SyncRun]):
             remark = ""
         else:
             remark = f"more than OD = {self.omission_degree} lost in a row" if result.master_stays() else "the master dies"
+        dies = {"type": "line", "x0": self.master_dies, "x1": self.master_dies, "yref": "y domain", "y0": 0, "y1": 1}
+        dies |= {"line": {"color": VERMILION, "width": 2}, "visible": not result.master_stays()}
         return stack(
-            Panel(lines, _fixed("ahead [us]", -ahead, ahead), title="Ahead of the master", remark=remark, height=1.3, left=104),
+            Panel(
+                lines,
+                _fixed("ahead [us]", -ahead, ahead),
+                shapes=[dies],
+                title="Ahead of the master",
+                remark=remark,
+                height=1.3,
+                left=104,
+            ),
             Panel(
                 [_line("largest difference", times, apart, INK, False), bound],
                 _fixed("apart [us]", 0, height),
+                shapes=[dies],
                 title="Largest difference of any two",
                 left=104,
             ),

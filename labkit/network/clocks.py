@@ -10,6 +10,7 @@ simulation.
 from __future__ import annotations
 
 from bisect import bisect_right
+from collections.abc import Iterator
 from math import isfinite
 
 import numpy as np
@@ -29,6 +30,12 @@ def parts(ppm: float, least: float, what: str) -> int:
     if isinstance(ppm, bool) or not isinstance(ppm, int | float | np.number) or not isfinite(ppm) or not least <= ppm <= MOST_PPM:
         raise ValueError(f"{what} is {shown(ppm)} ppm; a number from {least} to {MOST_PPM} is allowed")
     return round(ppm * 1000)
+
+
+def drawn(rng: np.random.Generator, low: int, high: int) -> Iterator[int]:
+    """Whole numbers from `low` to `high`, uniform, without end; drawn by the hundred, since single ones cost far more."""
+    while True:
+        yield from rng.integers(low, high, 256, endpoint=True).tolist()
 
 
 class Clock:
@@ -56,8 +63,8 @@ class Clock:
         self.offset_ns = whole(offset_ns, -UNBOUNDED, "the clock's offset in ns", UNBOUNDED)
         self.reading_ns = whole(reading_ns, 0, "the clock's reading error in ns", S)
         self.worst_ppb = abs(self._ppb) + self._wander
-        walk, self._readings = np.random.default_rng(seed).spawn(2)
-        self._walk = walk
+        self._walk, readings = np.random.default_rng(seed).spawn(2)
+        self._readings = drawn(readings, -self.reading_ns, self.reading_ns)
         self._rates = [self._ppb]  # of each second; without wander the first one lasts for ever
         self._starts = [self.offset_ns]  # what the clock shows at the begin of each second
 
@@ -82,8 +89,7 @@ class Clock:
 
     def stamp(self, now: int) -> int:
         """A reading of the clock at true time `now`, with its error: two of the same instant may differ."""
-        error = int(self._readings.integers(-self.reading_ns, self.reading_ns, endpoint=True)) if self.reading_ns else 0
-        return self.local(now) + error
+        return self.local(now) + (next(self._readings) if self.reading_ns else 0)
 
     def _second(self, now: int) -> int:
         if now < 0:

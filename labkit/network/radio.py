@@ -11,7 +11,7 @@ that arrive damaged (their checksum makes them lost ones).
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,6 +19,7 @@ import numpy as np
 import simpy
 
 from labkit.checks import whole
+from labkit.network.clocks import drawn
 from labkit.network.loss import Channel, Independent, Loss
 
 #: Called at the instant of the reception with the message and its sender.
@@ -73,7 +74,7 @@ class Radio:
         self.busy_until = 0
         self._receivers: dict[int, Receive] = {}
         self._channels: dict[tuple[int, int], Channel] = {}
-        self._jitters: dict[int, np.random.Generator] = {}
+        self._jitters: dict[int, Iterator[int]] = {}
 
     def attach(self, station: int, receive: Receive) -> None:
         """Switch a station on: from now on `receive(message, sender)` is called for all it hears."""
@@ -108,7 +109,7 @@ class Radio:
 
     def _deliver(self, station: int, message: Any, sender: int, wait: int) -> None:
         if self.jitter_ns:
-            wait += int(self._jitter(station).integers(0, self.jitter_ns, endpoint=True))
+            wait += next(self._jitter(station))
 
         def arrive(_: simpy.Event) -> None:
             receive = self._receivers.get(station)
@@ -128,9 +129,9 @@ class Radio:
             found = self._channels[sender, receiver] = self.loss.channel(sender, receiver, rng)
         return found
 
-    def _jitter(self, station: int) -> np.random.Generator:
+    def _jitter(self, station: int) -> Iterator[int]:
         if station not in self._jitters:
-            self._jitters[station] = np.random.default_rng([self.seed, station])
+            self._jitters[station] = drawn(np.random.default_rng([self.seed, station]), 0, self.jitter_ns)
         return self._jitters[station]
 
 

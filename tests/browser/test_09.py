@@ -35,7 +35,8 @@ def test_global_time(open_notebook):
     expect(starts.locator(".lab-metrics")).to_contain_text("702.5 us")
     nb.screenshot("09_starts")
     starts.locator(".lab-correction select").select_option(label="by absolute phase")
-    expect(starts.locator(".lab-metrics")).to_contain_text("-6.065 us")
+    expect(starts.locator(".lab-metrics")).to_contain_text("15corrections cut")
+    nb.screenshot("09_starts_absolute")
 
     nb.figure(4).scroll_into_view_if_needed()
     expect(drift.locator(".lab-metrics")).to_contain_text("144.1 us")

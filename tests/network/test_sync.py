@@ -1,6 +1,7 @@
 """Clock synchronisation: what holds for every setting, how good the bound is, and what happens beyond its assumption."""
 
 from dataclasses import dataclass, replace
+from itertools import cycle
 
 import numpy as np
 import pytest
@@ -106,22 +107,11 @@ def test_drift_and_losses_come_close_to_the_bound(mode, od):
     assert 0.95 * run.bound_ns < run.precision() <= run.bound_ns
 
 
-class Wrong:
-    """Readings as wrong as they can be, with the sign of `sign(n)` for the n-th."""
-
-    def __init__(self, sign):
-        self.sign, self.n = sign, -1
-
-    def integers(self, low, high, endpoint):
-        self.n += 1
-        return high * self.sign(self.n)
-
-
 def test_reading_errors_come_close_to_the_bound():
     """The master reads early in even rounds and late in odd ones; one slave hears the even ones, one the odd ones."""
     clocks = [Clock(ppm, reading_ns=20_000) for ppm in (0, 1, -1)]
-    clocks[0]._readings = Wrong(lambda n: 1 if n % 2 == 0 else -1)
-    clocks[1]._readings, clocks[2]._readings = Wrong(lambda n: -1), Wrong(lambda n: 1)
+    for clock, wrong in zip(clocks, ([20_000, -20_000], [-20_000], [20_000])):
+        clock._readings = cycle(wrong)
     loss = Scripted(lambda sender, receiver, n: n % 2 != receiver - 1)
     run = synchronise([Member(clock) for clock in clocks], Rule(S, 1), 60 * S, loss)
     assert 0.95 * run.bound_ns < run.precision() <= run.bound_ns
