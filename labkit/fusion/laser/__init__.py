@@ -1,7 +1,7 @@
 """One station: a world and a scanner in it, or a recorded log, and the stages from points to elements."""
 
 from labkit.fusion.laser.arcs import search_arcs
-from labkit.fusion.laser.chain import Chain, contour_filter, run_chain, within
+from labkit.fusion.laser.chain import Chain, contour_filter, from_contours, run_chain, within
 from labkit.fusion.laser.circles import kasa, known_radius, taubin
 from labkit.fusion.laser.edges import extract_edges, groups
 from labkit.fusion.laser.elements import element_filter
@@ -78,6 +78,7 @@ __all__ = [
     "element_quality",
     "extract_edges",
     "field",
+    "from_contours",
     "groups",
     "kasa",
     "known_radius",

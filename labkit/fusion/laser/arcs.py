@@ -24,7 +24,8 @@ from labkit.fusion.laser.settings import VISIT_NS, Settings
 LEAST = 4  # points of an arc with a known radius
 LEAST_FREE = LEAST_HIDDEN = 8  # of one without, and of one that is part of a larger group: enough to tell it from a corner
 FREE_RADII = 0.04, 0.40  # m
-CURVED, ROUND = 0.6, 0.9  # a circle's error is at most this share of a line's, and of that of the two lines of a corner
+CURVED = 0.6  # a circle's error is at most this share of a line's
+ROUND, HIDDEN = 1.4, 0.9  # and of that of a corner's two lines, which have more to adapt: on its own, in a larger group
 SMALL = 3.0  # radii: the diagonal of what shows of a ball alone is no longer, from whatever sides it is seen
 FIT_VISITS = 12  # visits to a point by one fit: its rounds and the two errors
 Found = tuple[np.ndarray, float, np.ndarray]  # centre, radius, indices of the points
@@ -96,14 +97,14 @@ def _squares(n: Any, x: Any, y: Any, xx: Any, xy: Any, yy: Any) -> Any:
     return np.maximum((a + d) / 2 - np.sqrt((a - d) ** 2 / 4 + b * b), 0)
 
 
-def _round(xy: np.ndarray, error: np.ndarray, settings: Settings) -> np.ndarray:
+def _round(xy: np.ndarray, error: np.ndarray, settings: Settings, share: float = ROUND) -> np.ndarray:
     """Whether a circle with this error is good, and points (..., n, 2) are rather round than straight or a corner.
 
     With few points a corner cannot be told.
     """
     good = (error <= settings.arc) & (error <= CURVED * _off_line(xy))
     if good.any() and xy.shape[-2] >= LEAST_HIDDEN:
-        good &= error <= ROUND * _off_corner(xy)
+        good &= error <= share * _off_corner(xy)
     return good
 
 
@@ -155,7 +156,7 @@ def _in_windows(points: Points, away: np.ndarray, group: np.ndarray, settings: S
             p, rows = p[fits], rows[fits]
             centre = known_radius(p, radius, p.mean(axis=1) + 0.7 * radius * away[rows].mean(axis=1))
             error = off_circle(p, centre, radius)
-            good = _round(p, error, settings)
+            good = _round(p, error, settings, HIDDEN)
             candidates += zip(error[good].tolist(), centre[good], rows[good], strict=True)
             visits += FIT_VISITS * p.shape[0] * width
         yield visits, _apart(candidates, radius)

@@ -50,7 +50,11 @@ class Chain:
 
 def run_chain(points: Points, settings: Settings | None = None, edges_ns: int | None = None, arcs_ns: int | None = None) -> Chain:
     """All stages; only the contour filter, by far the longest, may be aborted."""
-    contours = contour_filter(points, settings, edges_ns, arcs_ns)
+    return from_contours(points, contour_filter(points, settings, edges_ns, arcs_ns), settings)
+
+
+def from_contours(points: Points, contours: Contours, settings: Settings | None = None) -> Chain:
+    """The later stages, which need the points no more; they are only kept with the rest."""
     objects = within(object_filter(contours, settings))
     assert objects is not None, "an anytime stage has at least one result"
     elements = within(element_filter(objects, settings))
