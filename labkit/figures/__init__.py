@@ -18,7 +18,7 @@ from labkit.figures.field import (
     scanners,
     there,
 )
-from labkit.figures.gantt import gantt
+from labkit.figures.gantt import gantt, lock_keys
 from labkit.figures.history import History
 from labkit.figures.interleaving import Access, Cell, interleaving
 from labkit.figures.lanes import Lane, Move, Span, lanes
@@ -102,6 +102,7 @@ __all__ = [
     "key",
     "lanes",
     "lengths",
+    "lock_keys",
     "outlines",
     "periods_gantt",
     "plan",

@@ -8,13 +8,13 @@ import numpy as np
 
 from labkit.figures.history import EXCEPTION, History
 from labkit.figures.style import INK, Spec
-from labkit.trace import Trace
+from labkit.trace import OVERHEADS, Trace, overheads
 
 
-def cursor(at: float) -> Spec:
-    """The line, as a shape of the picture whose panels share their x axis."""
+def cursor(at: float, yref: str = "paper") -> Spec:
+    """The line, as a shape of the picture whose panels share their x axis, or with "y domain" as one of a panel."""
     line = {"color": INK, "width": 1.5, "dash": "dash"}
-    return {"type": "line", "xref": "x", "yref": "paper", "x0": at, "x1": at, "y0": 0, "y1": 1, "line": line}
+    return {"type": "line", "xref": "x", "yref": yref, "x0": at, "x1": at, "y0": 0, "y1": 1, "line": line}
 
 
 def happening(trace: Trace | History, tasks: Sequence[str], at: float, labels: Mapping[str, str] | None = None) -> str:
@@ -43,7 +43,11 @@ def happening(trace: Trace | History, tasks: Sequence[str], at: float, labels: M
         words += [f"holds {_object(trace, row[1])}" for row in _at(history.holds, task, now)]
         if words:
             said.append(f"{name} {' and '.join(words)}")
-    return "; ".join(said) or "idle"
+    if said:
+        return "; ".join(said)
+    kernel = overheads(trace)
+    kernel = kernel[(kernel[:, 1] <= now) & (now < kernel[:, 2])]
+    return f"the kernel works ({OVERHEADS[kernel[0, 0]]})" if len(kernel) else "idle"
 
 
 def _at(table: np.ndarray, task: int, now: int) -> np.ndarray:

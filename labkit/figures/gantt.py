@@ -16,17 +16,18 @@ from labkit.figures.style import (
     DEADLINE,
     FONT,
     INK,
+    INVERTED,
     LOCKS,
     MISS,
     OUTLINED,
     READY,
     RELEASE,
-    SMALL,
     VERMILION,
     WAITS,
     Spec,
     axis,
     colours,
+    key,
     pale,
 )
 from labkit.trace import Trace
@@ -88,6 +89,7 @@ def gantt(
     pairs: bool = False,
     remarks: Sequence[tuple[int, str, str]] = (),
     alarms: Sequence[int] = (),
+    bands: Sequence[tuple[int, int]] = (),
     labels: Mapping[str, str] | None = None,
     **more: Any,
 ) -> Panel:
@@ -104,6 +106,7 @@ def gantt(
         pairs: whether the tasks have exception parts, so that aborts and what is beyond the expected time are drawn.
         remarks: (time, task, text): a text to the right of that time, in units of the trace, in the row of that task.
         alarms: times, in units of the trace, to mark across all rows.
+        bands: stretches of time, in units of the trace, in which something is wrong: shaded across all rows.
         labels: what the axis calls a task, where that is not its name.
         more: other attributes of the `Panel`.
     """
@@ -127,7 +130,7 @@ def gantt(
     )
     known = {
         "notes": [_remark(view.ms(at), height[name], words) for at, name, words in remarks],
-        "shapes": [_alarm(view.ms(at)) for at in alarms],
+        "shapes": [_band(*map(view.ms, band)) for band in bands] + [_alarm(view.ms(at)) for at in alarms],
         "left": max(70, 26 + 11 * max(map(len, text))),
         "height": pitch * len(tasks),
     }
@@ -243,18 +246,19 @@ def _runs(
 
 
 def _strip(view: _View, holds: Table, lock: str, i: int) -> Spec:
-    """Who holds a lock when, below the rows, with the name of the lock where there is room."""
-    names, wide = view.history.trace.names, (view.high - view.low) / 25
+    """Who holds a lock when, below the rows."""
+    names = view.history.trace.names
     some = holds[holds[:, 1] == (names.index(lock) if lock in names else -1)]
-    marker = {"color": LOCKS[i % len(LOCKS)], "line": {"color": INK, "width": 1}}
-    return _bars(view, some, 0.85 * STRIP, marker, f"holds {lock}", below=BAR / 2 + STRIP * (i + 0.5)) | {
-        "text": [lock if long else "" for long in (some[:, -1] - some[:, -2] > wide).tolist()],
-        "textposition": "inside",
-        "insidetextanchor": "middle",
-        "constraintext": "none",
-        "textangle": 0,
-        "textfont": {"size": SMALL, "color": INK},
-    }
+    return _bars(view, some, 0.85 * STRIP, _lock(i), f"holds {lock}", below=BAR / 2 + STRIP * (i + 0.5))
+
+
+def lock_keys(locks: Sequence[str]) -> list[Spec]:
+    """Entries of the legend for the strips of these locks."""
+    return [key(f"holds {lock}", type="bar", marker=_lock(i)) for i, lock in enumerate(locks)]
+
+
+def _lock(i: int) -> Spec:
+    return {"color": LOCKS[i % len(LOCKS)], "line": {"color": INK, "width": 1}}
 
 
 def _marks(view: _View, table: Table, marker: Spec, words: str, raised: float = 0.0) -> Spec:
@@ -299,3 +303,8 @@ def _remark(at: float, height: float, words: str) -> Spec:
 def _alarm(at: float) -> Spec:
     line = {"color": VERMILION, "width": 3, "dash": "dot"}
     return {"type": "line", "yref": "y domain", "x0": at, "x1": at, "y0": 0, "y1": 1, "line": line}
+
+
+def _band(start: float, end: float) -> Spec:
+    fill = {"fillcolor": INVERTED["color"], "line": {"width": 0}, "layer": "below"}
+    return {"type": "rect", "yref": "y domain", "x0": start, "x1": end, "y0": 0, "y1": 1, **fill}

@@ -36,11 +36,17 @@ class Marks:
     colour: str
 
 
-def steps(lines: Sequence[Steps], title: str, end: float, marks: Sequence[Marks] = (), **more: Any) -> Panel:
-    """Step lines until `end` in ms, and points, over an axis with this title. `more` are other attributes of the `Panel`."""
+def steps(
+    lines: Sequence[Steps], title: str, end: float, marks: Sequence[Marks] = (), top: float | None = None, **more: Any
+) -> Panel:
+    """Step lines until `end` in ms, and points, over an axis with this title, which ends at `top` if that is given. `more` are
+    other attributes of the `Panel`.
+    """
     drawn = [_line(s, end) for s in lines] + [_points(m) for m in marks]
-    few = max((s.value.max(initial=0) for s in lines), default=0) <= 8  # a tick for each then, else plotly draws halves
-    return Panel(drawn, axis(title, rangemode="tozero", **({"dtick": 1} if few else {})), **more)
+    most = max((s.value.max(initial=0) for s in lines), default=0) if top is None else top
+    few = {"dtick": 1} if most <= 8 else {}  # a tick for each then, else plotly draws halves
+    ends = {"rangemode": "tozero"} if top is None else {"range": [0, top], "fixedrange": True}
+    return Panel(drawn, axis(title, **ends, **few), **more)
 
 
 def priorities(trace: Trace, base: Mapping[str, int], **more: Any) -> Panel:

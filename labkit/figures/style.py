@@ -23,7 +23,7 @@ PALETTE = (BLUE, ORANGE, GREEN, PURPLE, SKY, VERMILION, "#7A5195", "#8B5A2B", "#
 
 #: Tasks that appear in more than one notebook keep their colour in all of them.
 TASK_COLOURS = {
-    "H": VERMILION,
+    "H": "#7A5195",
     "M": ORANGE,
     "L": BLUE,
     "IDLE": PALE,
@@ -87,6 +87,8 @@ WAITS: Spec = {
     "pattern": {"shape": "/", "fgcolor": GREY, "size": 7, "solidity": 0.25},
 }
 READY: Spec = {"color": GREY, "line": {"width": 0}}
+#: A stretch of time in which a rule is broken, behind the rows: one runs that the most urgent should not have to wait for.
+INVERTED: Spec = {"color": "#F7C9A9", "line": {"width": 0}}
 LOCKS = (YELLOW, SKY, "#F4B6C2", "#B8E0B0")  # the strip of the first, second, ... lock
 
 #: A legend at the upper edge. It hangs on the container, because plotly forgets to lift it when it was drawn narrow first.
@@ -112,9 +114,10 @@ def pale(colour: str) -> str:
 KEYS: dict[str, Spec] = {
     "ready": {"type": "bar", "marker": READY},
     "waits for lock, queue, signal": {"type": "bar", "marker": WAITS},
-    "holds lock": {"type": "bar", "marker": {"color": YELLOW, "line": {"color": INK, "width": 1}}},
     "beyond ECET": {"type": "bar", "marker": {"color": pale(BLUE)}},
     "exception part": {"type": "bar", "marker": {"color": BLUE, "pattern": CROSSED, "line": OUTLINED}},
+    "priority inversion": {"type": "bar", "marker": INVERTED},
+    "raised for nobody": {"type": "bar", "marker": INVERTED},
     "release": {"type": "scatter", "mode": "markers", "marker": RELEASE},
     "deadline": {"type": "scatter", "mode": "lines", "line": DEADLINE},
     "missed": {"type": "scatter", "mode": "markers", "marker": MISS},
