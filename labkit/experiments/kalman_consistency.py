@@ -15,11 +15,7 @@ from labkit.figures import BLUE, GREY, VERMILION, Curve, axis, curves, stack
 from labkit.fusion import FilterKind, claimed_and_real, consistency_band, expected_nees, normalised_squares, sampled_errors
 
 RUNS, INTERVAL, SIGMA = 50, 0.165, 0.03  # runs behind the average NEES; s between measurements; m
-KINDS = {
-    "source": "source: its last estimate, R as for a measurement",
-    "own P": "its last estimate, R from its own P",
-    "textbook": "textbook: the position only",
-}
+KINDS = {"source": "source: R of a measurement", "own P": "source: R from its own P", "textbook": "textbook"}
 MOTION = {"same": "as the filter assumes", "0": "none: straight on", "0.1": "0.1", "1": "1"}
 
 
@@ -81,12 +77,12 @@ class ClaimedError(Experiment[Honesty]):
         low, high = consistency_band(4, RUNS)
         band = {"type": "rect", "x0": 0, "x1": 1, "xref": "x domain", "y0": low, "y1": high, "fillcolor": GREY, "opacity": 0.35}
         x = axis("measurements", range=[0, self.steps])
-        size = axis("position error [cm]", type="log", range=[-0.5, 2], tickvals=[0.5, 1, 2, 5, 10, 20, 50])
+        size = axis("position error [cm]", type="log", range=[-0.5, 1.95], tickvals=[0.5, 1, 2, 5, 10, 20, 50])
         error = curves(drawn, x, size, title="Real and claimed")
         nees = curves(
             honest,
             x,
-            axis("mean NEES of 50 runs", type="log", range=[0, 3], tickvals=[1, 2, 4, 10, 100, 1000]),
+            axis("mean NEES of 50 runs", type="log", range=[0, 2.95], tickvals=[1, 2, 4, 10, 100, 1000]),
             legend=False,
             title="4 is right",
             caption="grey: where 95 % lie if P is right",

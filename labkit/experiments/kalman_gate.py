@@ -73,7 +73,7 @@ class GateShare(Experiment[Gates]):
         late = slice(WARM, None)
         seen = 100 * result.source.innovations[late, :SHOWN].ravel()
         out = result.source.rejected[late, :SHOWN].ravel()
-        seen = np.clip(seen.real, -REACH, REACH) + 1j * np.clip(seen.imag, -REACH, REACH)
+        seen = np.clip(seen.real, -1.4 * REACH, 1.4 * REACH) + 1j * np.clip(seen.imag, -REACH, REACH)
         circle = np.exp(1j * np.linspace(0, 2 * np.pi, 90))
         board = tracks(
             [
@@ -81,7 +81,7 @@ class GateShare(Experiment[Gates]):
                 Way("99.9 % by Mahalanobis", 100 * float(np.median(result.mahalanobis.radius[late])) * circle, INK, "dash"),
             ],
             [Dots("inside", seen[~out], BLUE, size=6), Dots("rejected by (5.32)", seen[out], VERMILION, "x-thin", 8)],
-            axis("measured minus forecast, x [cm]", range=[-REACH, REACH]),
+            axis("measured minus forecast, x [cm]", range=[-1.4 * REACH, 1.4 * REACH]),
             axis("y [cm]", range=[-REACH, REACH]),
             title="Innovations",
             caption="what lies outside stands at the rim",
@@ -197,7 +197,7 @@ class CrossingElements(Experiment[Followed]):
             slots[number % 8] += [*(complex(*step.row[:2]) for step in track.steps), complex(np.nan, np.nan)]
         ways = [Way(f"track {i + 1}", np.array(slot, complex), colour) for i, (slot, colour) in enumerate(zip(slots, PALETTE))]
         truth = np.concatenate([np.append(way, complex(np.nan, np.nan)) for way in result.real.T])
-        side = axis("x [m]", range=[-FIELD, FIELD])
+        side = axis("x [m]", range=[-1.4 * FIELD, 1.4 * FIELD])
         seen = tracks(
             [Way("elements", truth, PALE, width=9), *ways],
             [Dots("measured", result.places, GREY, size=4)],

@@ -50,11 +50,15 @@ def ellipse(centre: complex, covariance: np.ndarray, share: float = SHARE) -> np
 
 
 def tracks(ways: Sequence[Way], dots: Sequence[Dots], x: Spec, y: Spec, **more: object) -> Panel:
-    """Ways under dots, seen from above, at the same scale in both directions. `more` are other attributes of the `Panel`."""
+    """Ways under dots, seen from above, at the same scale in both directions; the ranges of the axes stay what they are.
+
+    `more` are other attributes of the `Panel`.
+    """
     drawn: list[Spec] = [_ellipses(way) for way in ways if way.covariances is not None]
     drawn += [_line(way) for way in ways]
     drawn += [_dots(some) for some in dots]
-    return Panel(drawn, {**y, "scaleanchor": "x"}, x, **more)  # type: ignore[arg-type]
+    x, y = {**x, "constrain": "domain", "constraintoward": "left"}, {**y, "constrain": "domain", "scaleanchor": "x"}
+    return Panel(drawn, y, x, **more)  # type: ignore[arg-type]
 
 
 def _ellipses(way: Way) -> Spec:
@@ -69,7 +73,8 @@ def _ellipses(way: Way) -> Spec:
         "fill": "toself",
         "fillcolor": _shade(way.colour, 0.18),
         "line": {"color": way.colour, "width": 1},
-        "name": f"{way.name}: {SHARE:.0%}",
+        "name": way.name,
+        "showlegend": False,
         "hoverinfo": "skip",
     }
 

@@ -89,7 +89,7 @@ def test_exercises_ask_the_model():
     assert not check_noise(TwoStations(course="circle")).solved
     assert (
         check_noise(TwoStations(course="circle", q="0.3")).solved
-        and check_noise(TwoStations(course="circle", q="0.3", time=1)).solved
+        and check_noise(TwoStations(course="circle", q="0.3", period=3)).solved
     )
     assert "only" in check_noise(TwoStations(course="circle", q="0.3", sigma=1)).text
     start = GateShare(course="circle", rejected="left out")
