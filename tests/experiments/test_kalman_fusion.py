@@ -1,5 +1,9 @@
 """Notebook 12: what the benches say, and that their exercises ask the model."""
 
+import json
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -78,6 +82,16 @@ def test_sound_rules_keep_four_elements_apart_and_the_sources_does_not():
 def test_false_detections_are_dropped_unconfirmed():
     found = CrossingElements(elements=1, false=2.0).values()
     assert found["dropped unconfirmed"] > 10 and found["mean OSPA"] < 30
+
+
+def test_every_solution_printed_in_the_notebook_is_one():
+    notebook = json.loads((Path(__file__).parents[2] / "notebooks" / "12_kalman_fusion.ipynb").read_text(encoding="utf-8"))
+    text = "\n".join("".join(cell["source"]) for cell in notebook["cells"] if cell["cell_type"] == "markdown")
+    folded = "\n".join(re.findall(r"<details>.*?</details>", text, flags=re.S))
+    printed = re.findall(r"`(check_\w+\(.*?\))`", folded)
+    assert len(printed) == 6 and folded.count("<summary>") == 4
+    for answer in printed:
+        assert eval(answer).solved, answer
 
 
 def test_exercises_ask_the_model():
