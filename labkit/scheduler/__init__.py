@@ -2,6 +2,7 @@
 
 from labkit.scheduler.analysis import (
     CriticalSection,
+    HeldSection,
     Overheads,
     UndecidedError,
     Verdict,
@@ -48,6 +49,7 @@ __all__ = [
     "PRIORITY",
     "CriticalSection",
     "ExecutionModel",
+    "HeldSection",
     "Outcome",
     "Overheads",
     "PeriodicTask",

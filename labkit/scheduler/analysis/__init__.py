@@ -1,6 +1,6 @@
 """Schedulability analysis: answers about all schedules at once, where a simulation shows one."""
 
-from labkit.scheduler.analysis.blocking import CriticalSection, blocking_bounds, deadlock_locks
+from labkit.scheduler.analysis.blocking import CriticalSection, HeldSection, blocking_bounds, deadlock_locks
 from labkit.scheduler.analysis.bounds import (
     accept_edf,
     accept_hyperbolic,
@@ -33,6 +33,7 @@ from labkit.scheduler.analysis.verdict import UndecidedError, Verdict
 
 __all__ = [
     "CriticalSection",
+    "HeldSection",
     "Overheads",
     "UndecidedError",
     "Verdict",

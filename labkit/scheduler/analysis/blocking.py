@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from operator import add
 
 from labkit.scheduler.analysis.fixed_priority import NO_OVERHEADS, least_window, level_responses
 from labkit.scheduler.analysis.verdict import Budget
@@ -50,7 +51,27 @@ class CriticalSection:
             yield from section.all()
 
 
-def blocking_bounds(tasks: Iterable[PeriodicTask], sections: Iterable[CriticalSection], protocol: str) -> dict[str, int | None]:
+@dataclass(frozen=True)
+class HeldSection:
+    """What `task` executes, in one go, with interrupts held (taskENTER_CRITICAL) or the scheduler suspended (vTaskSuspendAll).
+
+    It stands inside or outside of the task's sections with locks, but does not straddle their ends.
+
+    Attributes:
+        length: execution time from the first request to the last. Interrupts that run meanwhile are not in it.
+    """
+
+    task: str
+    length: int
+
+    def __post_init__(self) -> None:
+        if self.length < 1:
+            raise ValueError(f"task {self.task!r} holds up all others for {self.length}; such a section takes at least 1")
+
+
+def blocking_bounds(
+    tasks: Iterable[PeriodicTask], sections: Iterable[CriticalSection], protocol: str, held: Iterable[HeldSection] = ()
+) -> dict[str, int | None]:
     """Longest time for which lower tasks can hold up one job of each task; None where there is no bound, or none is known.
 
     A lock reaches task i if a task of at least i's priority uses it, or if a lower task takes it inside a section
@@ -72,20 +93,30 @@ def blocking_bounds(tasks: Iterable[PeriodicTask], sections: Iterable[CriticalSe
       one can wait for a lock: the section plus all jobs that the tasks in the middle can release before it is over. For tasks
       that wait for nobody the figure is the extra interference from higher tasks which, having waited, run late.
 
+    A held section of a lower task blocks everybody, but only if it has been entered when the job is released: while a job
+    waits for a lock, only the holder runs below it. So the longest one is added once; not under "ceiling" and "non-preemptive",
+    where a job is blocked once in all and the longer counts. With "none" it lengthens the window in which tasks
+    in the middle can be released, so a figure is given only without locks.
+
     Args:
         tasks: in priority order, highest first.
         sections: the outermost sections of each job.
+        held: the sections of each job in which interrupts are held or the scheduler is suspended.
 
     Raises:
         ValueError: unknown protocol, a section of an unknown task, or sections longer than their task's wcet.
         UndecidedError: more than `MAX_STEPS` steps; each task takes 16 for every section.
     """
-    tasks, sections = check_names(tasks), list(sections)
+    tasks, sections, held = check_names(tasks), list(sections), list(held)
     if protocol not in PROTOCOLS:
         raise ValueError(f"no protocol {protocol!r}; there are {', '.join(PROTOCOLS)}")
     _check(tasks, sections)
+    longest = _held_below(tasks, held)
+    if protocol == "none" and sections:
+        return {name: None if held else bound for name, bound in _without_protocol(tasks, sections).items()}
     if protocol == "none":
-        return _without_protocol(tasks, sections)
+        return dict(longest)
+    combine = max if protocol in ("ceiling", "non-preemptive") else add
     bound = {"inheritance": _inheritance, "freertos": _freertos, "ceiling": _ceiling, "non-preemptive": _non_preemptive}[protocol]
     rank = {task.name: i for i, task in enumerate(tasks)}
     budget, work = Budget("blocking"), sum(1 for top in sections for _ in top.all())
@@ -94,8 +125,26 @@ def blocking_bounds(tasks: Iterable[PeriodicTask], sections: Iterable[CriticalSe
         budget.spend(16 * work)  # it is looked at again and again
         upper = [s for s in sections if rank[s.task] <= i]
         lower = [s for s in sections if rank[s.task] > i]
-        bounds[task.name] = bound(upper, lower)
+        locked = bound(upper, lower)
+        bounds[task.name] = None if locked is None else combine(locked, longest[task.name])
     return bounds
+
+
+def _held_below(tasks: Sequence[PeriodicTask], held: Sequence[HeldSection]) -> dict[str, int]:
+    """For each task the longest held section of a lower one."""
+    longest = {task.name: 0 for task in tasks}
+    for section in held:
+        if section.task not in longest:
+            raise ValueError(f"a held section belongs to task {section.task!r}; the set has {', '.join(longest)}")
+        longest[section.task] = max(longest[section.task], section.length)
+    for task in tasks:
+        if longest[task.name] > task.wcet:
+            raise ValueError(f"task {task.name!r} holds up all others for {longest[task.name]}, longer than its wcet {task.wcet}")
+    below, bounds = 0, {}
+    for task in reversed(tasks):
+        bounds[task.name] = below
+        below = max(below, longest[task.name])
+    return {task.name: bounds[task.name] for task in tasks}
 
 
 def deadlock_locks(sections: Iterable[CriticalSection]) -> frozenset[str]:

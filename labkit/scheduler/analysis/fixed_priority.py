@@ -83,6 +83,7 @@ def job_responses(
     *,
     blocking: Mapping[str, int | None] | None = None,
     overheads: Overheads = NO_OVERHEADS,
+    interrupts: Iterable[PeriodicTask] = (),
 ) -> tuple[int, ...] | None:
     """Worst response time, counted from the arrival, of each job of task `name` in its longest busy period.
 
@@ -93,6 +94,8 @@ def job_responses(
     Args:
         tasks: in priority order, highest first.
         blocking: name -> longest time that lower tasks hold this one up (`blocking_bounds`); None in it means without bound.
+        interrupts: device interrupts, which come before every task: `wcet` of a handler with its entry and exit, `period` the
+            least distance of two of them. Their switches are in `wcet`; they are charged none.
 
     Returns:
         The responses in order of the jobs, or None if they have no bound (utilisation at this level above 1, or
@@ -108,16 +111,22 @@ def job_responses(
     for wanted in {name, *(blocking or {})}:
         if wanted not in rank:
             raise ValueError(f"no task {wanted!r} in this set; it has {', '.join(rank)}")
-    return level_responses(tasks, rank[name], (blocking or {}).get(name, 0), overheads, Budget("response time"))
+    held, above = (blocking or {}).get(name, 0), _loads(interrupts)
+    return level_responses(tasks, rank[name], held, overheads, Budget("response time"), above)
 
 
 def level_responses(
-    tasks: Sequence[PeriodicTask], rank: int, held: int | None, overheads: Overheads, budget: Budget
+    tasks: Sequence[PeriodicTask],
+    rank: int,
+    held: int | None,
+    overheads: Overheads,
+    budget: Budget,
+    interrupts: Sequence[tuple[int, int, int]] = (),
 ) -> tuple[int, ...] | None:
-    """`job_responses` of the task at `rank`, which lower ones hold up for `held`."""
+    """`job_responses` of the task at `rank`, which lower ones hold up for `held`; interrupts as rows of (C, T, J)."""
     budget.spend(4 * rank)
     task, cost = tasks[rank], _charge(tasks[rank], overheads)
-    load = [(_charge(t, overheads), t.period, t.jitter) for t in tasks[:rank]]
+    load = [*interrupts, *((_charge(t, overheads), t.period, t.jitter) for t in tasks[:rank])]
     if overheads.tick:
         load.append((overheads.tick, overheads.tick_period, 0))
     level = compared_to_one([(cost, task.period), *((c, t) for c, t, _ in load)])
@@ -137,7 +146,11 @@ def level_responses(
 
 
 def response_times(
-    tasks: Iterable[PeriodicTask], *, blocking: Mapping[str, int | None] | None = None, overheads: Overheads = NO_OVERHEADS
+    tasks: Iterable[PeriodicTask],
+    *,
+    blocking: Mapping[str, int | None] | None = None,
+    overheads: Overheads = NO_OVERHEADS,
+    interrupts: Iterable[PeriodicTask] = (),
 ) -> dict[str, int | None]:
     """Worst response time of each task, counted from the arrival; None where there is no bound. See `job_responses`.
 
@@ -149,22 +162,27 @@ def response_times(
     if unknown:
         raise ValueError(f"no task {min(unknown)!r} in this set; it has {', '.join(task.name for task in tasks)}")
     found: dict[str, int | None] = {}
+    above = _loads(interrupts)
     for rank, task in enumerate(tasks):
-        responses = level_responses(tasks, rank, (blocking or {}).get(task.name, 0), overheads, budget)
+        responses = level_responses(tasks, rank, (blocking or {}).get(task.name, 0), overheads, budget, above)
         found[task.name] = None if responses is None else max(responses)
     return found
 
 
 def response_time_test(
-    tasks: Iterable[PeriodicTask], *, blocking: Mapping[str, int | None] | None = None, overheads: Overheads = NO_OVERHEADS
+    tasks: Iterable[PeriodicTask],
+    *,
+    blocking: Mapping[str, int | None] | None = None,
+    overheads: Overheads = NO_OVERHEADS,
+    interrupts: Iterable[PeriodicTask] = (),
 ) -> Verdict:
     """Compare every worst response time with its deadline.
 
     Exact without blocking, overheads and offsets (those are bounds, not certainties).
     """
-    tasks = check_names(tasks)
+    tasks, interrupts = check_names(tasks), list(interrupts)
     exact = not any((blocking or {}).values()) and overheads == NO_OVERHEADS and not any(task.offset for task in tasks)
-    responses = response_times(tasks, blocking=blocking, overheads=overheads)
+    responses = response_times(tasks, blocking=blocking, overheads=overheads, interrupts=interrupts)
     late = [sentence for task in tasks if (sentence := _late(task, responses[task.name]))]
     if late:
         return Verdict(False, "response time", "; ".join(late), exact)
@@ -172,6 +190,10 @@ def response_time_test(
     tightest = min(tasks, key=lambda task: spare[task.name])
     answer = f"every response time is within its deadline; the closest is {tightest.name!r}"
     return Verdict(True, "response time", f"{answer} with {responses[tightest.name]} of {tightest.deadline}", exact)
+
+
+def _loads(interrupts: Iterable[PeriodicTask]) -> list[tuple[int, int, int]]:
+    return [(each.wcet, each.period, each.jitter) for each in interrupts]
 
 
 def _charge(task: PeriodicTask, overheads: Overheads) -> int:
