@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Iterator
+from itertools import islice
 from math import isfinite
 
 import numpy as np
@@ -32,8 +33,9 @@ def parts(ppm: float, least: float, what: str) -> int:
     return round(ppm * 1000)
 
 
-def drawn(rng: np.random.Generator, low: int, high: int) -> Iterator[int]:
+def drawn(seed: list[int], low: int, high: int) -> Iterator[int]:
     """Whole numbers from `low` to `high`, uniform, without end; drawn by the hundred, since single ones cost far more."""
+    rng = np.random.default_rng(seed)
     while True:
         yield from rng.integers(low, high, 256, endpoint=True).tolist()
 
@@ -63,8 +65,9 @@ class Clock:
         self.offset_ns = whole(offset_ns, -UNBOUNDED, "the clock's offset in ns", UNBOUNDED)
         self.reading_ns = whole(reading_ns, 0, "the clock's reading error in ns", S)
         self.worst_ppb = abs(self._ppb) + self._wander
-        self._walk, readings = np.random.default_rng(seed).spawn(2)
-        self._readings = drawn(readings, -self.reading_ns, self.reading_ns)
+        seeds, step = [seed] if isinstance(seed, int) else list(seed), max(1, self._wander // STEP)
+        self._readings = drawn([*seeds, 0], -self.reading_ns, self.reading_ns)
+        self._walk = drawn([*seeds, 1], -step, step)
         self._rates = [self._ppb]  # of each second; without wander the first one lasts for ever
         self._starts = [self.offset_ns]  # what the clock shows at the begin of each second
 
@@ -102,7 +105,6 @@ class Clock:
 
     def _extend(self, seconds: int) -> None:
         """Let the rate walk on, to at least so many seconds."""
-        size = max(1, self._wander // STEP)
-        for step in self._walk.integers(-size, size, max(64, seconds - len(self._rates)), endpoint=True).tolist():
+        for step in islice(self._walk, max(64, seconds - len(self._rates))):
             self._starts.append(self._starts[-1] + S + S * self._rates[-1] // PPB)
             self._rates.append(min(max(self._rates[-1] + step, self._ppb - self._wander), self._ppb + self._wander))

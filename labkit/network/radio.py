@@ -131,7 +131,7 @@ class Radio:
 
     def _jitter(self, station: int) -> Iterator[int]:
         if station not in self._jitters:
-            self._jitters[station] = drawn(np.random.default_rng([self.seed, station]), 0, self.jitter_ns)
+            self._jitters[station] = drawn([self.seed, station], 0, self.jitter_ns)
         return self._jitters[station]
 
 

@@ -168,7 +168,7 @@ def synchronise(
     stations: list[Master | Slave] = [master, *(Slave(radio, member.clock, rule) for member in members[1:])]
     for number in reversed(range(len(members) if rule.mode != "none" else 0)):  # who joins with the master hears its first word
         _take_part(radio, number, members[number], stations[number])
-    for part in (watch or _quietly)(range(1, PARTS + 1), PARTS):
+    for part in watch(range(1, PARTS + 1), PARTS) if watch else (PARTS,):
         end = until_ns * part // PARTS
         if end > env.now:
             env.run(until=end)
@@ -189,7 +189,3 @@ def _take_part(radio: Radio, number: int, member: Member, station: Master | Slav
     at(radio.env, member.joins_ns, join)
     if member.leaves_ns is not None:
         at(radio.env, member.leaves_ns, leave)
-
-
-def _quietly(parts: Iterable[int], total: int) -> Iterator[int]:
-    return iter(parts)
