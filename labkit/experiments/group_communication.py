@@ -21,7 +21,7 @@ DEGREES = range(1, 6)
 Stations = Annotated[int, Interval(ge=2, le=10), Doc("stations in the group")]
 LossShare = Annotated[int, Interval(ge=0, le=60), Unit("%"), Doc("share of the transmissions that a receiver loses")]
 Burst = Annotated[int, Interval(ge=1, le=50), Unit("times"), Doc("length of a run of losses; 1: as without memory")]
-Bytes = Annotated[int, Interval(ge=0, le=6000), Unit("bytes"), Doc("of a message; 1483 fit into one packet")]
+Bytes = Annotated[int, Interval(ge=0, le=6000), Doc("of a message; 1483 fit into one packet")]
 RoundTime = Annotated[int, Interval(ge=10, le=100), Unit("ms"), Doc("time in which each station is asked once")]
 Seed = Annotated[int, Interval(ge=0, le=99), Doc("another one draws other losses")]
 
@@ -67,12 +67,12 @@ class GroupCommunication(Experiment[Mapping[Way, Conversation]]):
         late = axis("latest delivery [ms]", range=[0, 1.4 * max(bounds)])
         # what a message would need with three transmissions per packet and nothing lost, eight times
         whole = fragment_count(self.bytes) * 3 * FRAME_NS + 2 * self.bytes * BYTE_NS
-        price = axis("air time per message [ms]", range=[0, 8 * whole / MS])
+        price = axis("per message [ms]", range=[0, 8 * whole / MS])
         return stack(
             [
                 outcome,
                 lengths(latest, bounds, BLUE, late, "ms", title="How late at most", left=40),
-                lengths([air(said) for said in result.values()], None, ORANGE, price, "ms", title="What it costs", left=40),
+                lengths([air(said) for said in result.values()], None, ORANGE, price, "ms", title="Air time", left=40),
             ],
             height=400,
             keys=("bound by analysis",),

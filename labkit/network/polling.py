@@ -10,7 +10,7 @@ when its source knows what became of the one before. The `WAYS`:
 - "at once": the protocol of `labkit.network.groups`, but stations deliver what they receive as soon as it is there.
 - "agreed": the same with its rule.
 
-Bursts of loss hit a station in both directions. Times for byte and frame are those of IEEE 802.11b at 11 Mbit/s.
+A burst of loss hits what a station says and what it is told. Times for byte and frame are those of IEEE 802.11b at 11 Mbit/s.
 """
 
 from __future__ import annotations
@@ -157,15 +157,15 @@ class _Group:
             if (yield from self.hall.ask(source, SHORT, beside[0] + (len(said.offer.load) if said.offer else 0))):
                 answer = said
         else:
-            yield from self.hall.say(self.hall.access_point, SHORT)
+            yield from self.hall.say(self.hall.access_point, SHORT, frozenset({source}))
         before = self.point.next
         self.point = self.point.hear(slot, answer)
         if self.point.next > before:
             self.talk.taken(source, before)
         self.point, broadcast = self.point.say(slot)
         size = beside[1] + (len(broadcast.packet.load) if broadcast.packet else 0)
-        for i in (yield from self.hall.say(self.hall.access_point, size)):
-            if i != self.hall.access_point and self.talk.on(i, slot):
+        for i in (yield from self.hall.say(self.hall.access_point, size, self.hall.all_stations)):
+            if self.talk.on(i, slot):
                 self.heard[i] = slot
                 self._became(i, broadcast.since[i], *self.stations[i].receive(broadcast))
 
@@ -233,7 +233,7 @@ class _Simple:
         load = self.talk.next_packet(source, slot, hall.now) if self.talk.on(source, slot) else None
         for _ in range(self.tries):
             if load is None:
-                yield from hall.say(hall.access_point, SHORT)
+                yield from hall.say(hall.access_point, SHORT, frozenset({source}))
             elif (yield from hall.ask(source, SHORT, SHORT + len(load))):
                 break
         else:
@@ -245,13 +245,13 @@ class _Simple:
         self.talk.deliver(source, packet, hall.now)
         have, wanted = {source}, {i for i in range(self.group.stations) if i != source}
         for _ in range(self.tries):
-            for i in (yield from hall.say(hall.access_point, SHORT + len(load))) - have - {hall.access_point}:
+            for i in (yield from hall.say(hall.access_point, SHORT + len(load), hall.all_stations - have)):
                 if self.talk.on(i, slot):
                     self.talk.deliver(i, packet, hall.now)
                     have.add(i)
             for i in sorted(wanted) if self.acknowledged else ():
                 if i not in have:  # asked in vain
-                    yield from hall.say(hall.access_point, SHORT)
+                    yield from hall.say(hall.access_point, SHORT, frozenset({i}))
                 elif (yield from hall.ask(i, SHORT, SHORT)):
                     wanted.discard(i)
             if not wanted:

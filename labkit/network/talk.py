@@ -34,13 +34,17 @@ class Reciprocal:
 
 
 class Hall:
-    """A radio on which one speaks at a time: who says something learns who has heard it. The access point is the last number."""
+    """A radio on which one speaks at a time: who says something learns who has heard it. The access point is the last number.
+
+    Only those who are meant listen; for the others a message is nothing that they could lose.
+    """
 
     def __init__(self, stations: int, radio: Radio):
         self.radio, self.access_point = radio, stations
+        self.all_stations = frozenset(range(stations))
+        self._ears = [self._ear(station) for station in range(stations + 1)]
+        self._listening: frozenset[int] = frozenset()
         self._heard: set[int] = set()
-        for station in range(stations + 1):
-            radio.attach(station, self._ear(station))
 
     @property
     def now(self) -> int:
@@ -50,20 +54,22 @@ class Hall:
     def _ear(self, station: int) -> Callable[[Any, int], None]:
         return lambda message, sender: self._heard.add(station)
 
-    def say(self, sender: int, size: int) -> Generator[simpy.Event, Any, set[int]]:
-        """Send so many bytes and wait until everybody has heard them who will; returns who."""
-        self._heard = set()
+    def say(self, sender: int, size: int, to: frozenset[int]) -> Generator[simpy.Event, Any, set[int]]:
+        """Send so many bytes to these and wait until they have heard them who will; returns who."""
+        for station in self._listening - to:
+            self.radio.detach(station)
+        for station in to - self._listening:
+            self.radio.attach(station, self._ears[station])
+        self._listening, self._heard = to, set()
         end = self.radio.send(sender, None, size) + self.radio.delay_ns + self.radio.jitter_ns
-        yield self.radio.env.timeout(
-            end - self.radio.env.now
-        )  # made after the receptions of that instant, so it comes after them
+        yield self.radio.env.timeout(end - self.now)  # made after the receptions of that instant, so it ends after them
         return self._heard
 
     def ask(self, station: int, poll: int, answer: int) -> Generator[simpy.Event, Any, bool]:
         """Poll a station and wait for its answer, so many bytes each; whether the answer arrives."""
-        if station not in (yield from self.say(self.access_point, poll)):
+        if not (yield from self.say(self.access_point, poll, frozenset({station}))):
             return False
-        return self.access_point in (yield from self.say(station, answer))
+        return bool((yield from self.say(station, answer, frozenset({self.access_point}))))
 
 
 @dataclass

@@ -21,8 +21,8 @@ def test_group_communication(open_notebook):
     nb.screenshot("10_four_ways")
     for _ in range(4):
         four.locator(".lab-loss .noUi-handle").press("PageUp")
+    expect(four.locator(".lab-code")).to_contain_text("loss=30", timeout=60_000)
     expect(four.locator(".lab-metrics")).not_to_contain_text("100 %")
-    expect(four.locator(".lab-code")).to_contain_text("loss=")
     disagreements = four.locator(".lab-metric").filter(has_text="disagreements").first
     expect(disagreements).to_contain_text("0")
     nb.screenshot("10_lossy")
@@ -30,16 +30,16 @@ def test_group_communication(open_notebook):
     one = bench("OneLoss")
     expect(one.locator(".lab-says")).to_contain_text("Nothing has happened yet")
     one.locator(".lab-step .noUi-handle").press("ArrowRight")
-    expect(one.locator(".lab-says")).to_contain_text("asks S0")
+    expect(one.locator(".lab-says")).to_contain_text("asks S0", timeout=60_000)
     one.locator(".lab-step .noUi-handle").press("End")
-    expect(one.locator(".lab-says")).to_contain_text("All have delivered it")
+    expect(one.locator(".lab-says")).to_contain_text("All have delivered it", timeout=60_000)
     nb.screenshot("10_one_loss")
 
     patterns = nb.page.locator(".lab-bench").filter(has=nb.page.locator(".lab-code", has_text="silence is no")).first
     patterns.evaluate("bench => bench.scrollIntoView({ block: 'start' })")
     expect(patterns.locator(".lab-metrics")).to_contain_text("10⁹")
     patterns.locator(".lab-step .noUi-handle").press("End")
-    expect(patterns.locator(".lab-says")).to_contain_text("disagree", timeout=30_000)
+    expect(patterns.locator(".lab-says")).to_contain_text("disagree", timeout=60_000)
     nb.screenshot("10_disagreement")
     patterns.locator(".lab-delivery select").select_option(index=0)
     expect(patterns.locator(".lab-says")).to_contain_text("who has left knows it", timeout=60_000)
