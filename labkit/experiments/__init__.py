@@ -10,6 +10,7 @@ from labkit.experiment import Experiment, ParameterError
 #: Class -> module, in teaching order. A new experiment is one line here.
 MODULES: dict[str, str] = {
     "ThreeTasks": "start_here",
+    "OwnRecording": "own_recording",
     "PriorityInversion": "priority_inversion",
     "NestedMutexes": "nested_mutexes",
     "MarsPathfinder": "mars_pathfinder",
@@ -68,6 +69,8 @@ MODULES: dict[str, str] = {
 
 #: What the exercises need beside the experiments: the check of each, and what two of them work on; name -> module.
 EXERCISES: dict[str, str] = {
+    "check_most_work": "start_here",
+    "check_most_work_at_30": "start_here",
     "check_harmless_inversion": "priority_inversion",
     "check_bound_reached": "priority_inversion",
     "check_prompt_middle": "nested_mutexes",

@@ -259,18 +259,20 @@ class SignalLab(Experiment[Service]):
         ]
         marks = Marks("lost", lost, np.searchsorted(result.raised, lost, side="right"), "x", VERMILION)
         begin, end = FIRST - 0.1, FIRST + BURST / 1000
-        looked = {"shapes": [cursor(FIRST + self.at / 1000, "y domain")]}
+        looked = [cursor(FIRST + self.at / 1000, "y domain")]
         whole, part = axis("", range=[0, WINDOW]), axis("time [ms]", range=[begin, end])
         tops = ((32, 100, 320), (6, 12, 25))  # of the counts, in all bursts and in what is shown of the first
         most = [
             next(top for top in some if top > (result.raised <= till).sum())
             for some, till in zip(tops, (WINDOW, end), strict=True)
         ]
-        burst = steps(lines, "events", WINDOW, [marks], top=most[1], height=2.2, x=part, **looked)
+        burst = steps(lines, "events", WINDOW, [marks], top=most[1], height=2.2, x=part, shapes=looked)
         named = [{**trace, "showlegend": False} for trace in burst.traces]
         return stack(
             replace(steps(lines, "events", WINDOW, [marks], top=most[0], height=2, x=whole), title="All bursts"),
-            gantt(result.run.trace, ("handler",), begin, end, title="The first burst", x={**part, "visible": False}, **looked),
+            gantt(
+                result.run.trace, ("handler",), begin, end, title="The first burst", x={**part, "visible": False}, shapes=looked
+            ),
             replace(burst, traces=named),
             height=460,
             keys=KEYS,

@@ -1,15 +1,16 @@
-"""Notebook 00: the first bench. Three control tasks of the robot under rate-monotonic priorities, simulation beside analysis."""
+"""Notebook 00: the first bench, three control tasks of the robot under rate-monotonic priorities, simulation beside analysis."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 from annotated_types import Interval, MultipleOf, Unit
 from typing_extensions import Doc
 
-from labkit.experiment import Experiment, Metric
-from labkit.figures import axis, gantt, priorities, stack
+from labkit.experiment import Experiment, Feedback, Metric, View
+from labkit.experiments.answers import refused
+from labkit.figures import History, axis, gantt, happening, priorities, stack
 from labkit.kernel import Kernel, Run
 from labkit.scheduler import PeriodicTask, response_times, utilization
 from labkit.trace import jobs
@@ -34,6 +35,8 @@ class ThreeTasks(Experiment[Schedule]):
     case, so the longest response of the simulation is the one that response-time analysis computes.
     """
 
+    headline: ClassVar[tuple[str, ...]] = ("utilisation", "odometry, longest response", "pose_ctrl, longest response")
+
     wheel_work: Annotated[
         float, Interval(ge=0.5, le=9.5), MultipleOf(0.5), Unit("ms"), Doc("work of each job of wheel_ctrl, period 10 ms")
     ] = 3.0
@@ -44,6 +47,7 @@ class ThreeTasks(Experiment[Schedule]):
         9.0
     )
     pose_period: Annotated[int, Interval(ge=20, le=60), Unit("ms"), Doc("period of pose_ctrl")] = 40
+    at: Annotated[float, Interval(ge=0, le=SHOWN), MultipleOf(0.5), Unit("ms"), View(play=True), Doc("a time to look at")] = 0.0
 
     def tasks(self, us: int = 1) -> list[PeriodicTask]:
         """The task set in priority order, in units of a microsecond (or `us` of a finer unit each)."""
@@ -80,12 +84,15 @@ class ThreeTasks(Experiment[Schedule]):
 
     def figure(self, result: Schedule) -> dict[str, Any]:
         trace = result.run.trace
+        history = History(trace)
         return stack(
-            gantt(trace, tuple(PRIORITY), 0, SHOWN, title=f"The first {SHOWN} ms"),
+            gantt(history, tuple(PRIORITY), 0, SHOWN, title=f"The first {SHOWN} ms"),
             priorities(trace, PRIORITY, height=1.4),
             height=360,
             shared=axis("time [ms]", range=[0, SHOWN]),
             keys=("ready", "release", "deadline", "missed"),
+            at=self.at,
+            says=f"At {self.at:g} ms: {happening(history, tuple(PRIORITY), self.at)}.",
         )
 
     def metrics(self, result: Schedule) -> list[Metric]:
@@ -108,3 +115,34 @@ class ThreeTasks(Experiment[Schedule]):
                 )
             )
         return found
+
+    def in_time(self) -> bool:
+        """Whether analysis says that every job of every task ends by its next release."""
+        bounds = response_times(tasks := self.tasks())
+        return all((bound := bounds[task.name]) is not None and bound <= task.period for task in tasks)
+
+
+def _most_work(answer: ThreeTasks, given: ThreeTasks) -> Feedback:
+    """Whether pose_ctrl has the longest jobs with which everything is in time."""
+    wrong = refused(answer, given, "pose_work")
+    if wrong:
+        return wrong
+    if not answer.in_time():
+        late = [f"{name} {'without end' if r is None else f'{r:g} ms'}" for name, r in answer.run().bound.items()]
+        return Feedback(False, f"not everything is in time; longest responses: {', '.join(late)}.")
+    longer = answer.replace(pose_work=answer.pose_work + 0.5)
+    return Feedback(
+        not longer.in_time(),
+        f"everything is in time at {100 * float(utilization(answer.tasks())):.1f} % utilisation, "
+        f"{'and still is' if longer.in_time() else 'and no longer'} with {longer.pose_work:g} ms.",
+    )
+
+
+def check_most_work(answer: ThreeTasks) -> Feedback:
+    """Exercise 1: the longest job of pose_ctrl with which everything is in time."""
+    return _most_work(answer, ThreeTasks())
+
+
+def check_most_work_at_30(answer: ThreeTasks) -> Feedback:
+    """Exercise 2: the same with a period of 30 ms, which is no multiple of the others."""
+    return _most_work(answer, ThreeTasks(pose_period=30))

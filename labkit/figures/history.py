@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from labkit.trace import Occupancy, Trace, holds, occupancy, owners, ready, runs, slices, waits
+from labkit.trace import Occupancy, Trace, holds, occupancy, owners, ready, runs, slices, spans, waits
 
 MAIN, BEYOND, EXCEPTION = 0, 1, 2  # kinds of a run: main part within its expected time, or beyond it; exception part
 
@@ -19,16 +19,19 @@ class History:
     Intervals are int64 arrays with a row each: the owner's index in `Trace.names` first, start and end last. Events have the
     columns (task, job, time). `occupancy` and the events are a few passes over the columns of the trace; for the other
     intervals of a window, ask them of its `part`.
+
+    A log of a board knows begins and ends and no switches: there a run is what lies between a begin and its end.
     """
 
-    def __init__(self, trace: Trace):
+    def __init__(self, trace: Trace, log: bool | None = None):
         self.trace = trace
         self._owner, _ = owners(trace)
+        self._log = not trace.of("switch").any() and bool(trace.of("begin", "end").any()) if log is None else log
 
     @cached_property
     def occupancy(self) -> Occupancy:
         """When each name ran, a row per name of the trace."""
-        name, start, end = runs(self.trace).T
+        name, start, end = self._spans.T if self._log else runs(self.trace).T
         return occupancy(name, start, end, len(self.trace.names))
 
     def shares(self, edges: np.ndarray) -> np.ndarray:
@@ -51,11 +54,16 @@ class History:
             begin = min(begin, int(found.start[at]) if at >= first else self.trace.start)
         rows = np.arange(*np.searchsorted(self.trace.time, (begin, high + 1)))
         end = min(high, self.trace.end)
-        return History(replace(self.trace.take(rows), start=begin, end=end, closed=self.trace.closed or end < self.trace.end))
+        return History(
+            replace(self.trace.take(rows), start=begin, end=end, closed=self.trace.closed or end < self.trace.end), self._log
+        )
 
     @cached_property
     def runs(self) -> np.ndarray:
         """Columns (task, MAIN, BEYOND or EXCEPTION, job, start, end), in order of time, without overlaps."""
+        if self._log:
+            name, start, end = self._spans.T
+            return np.stack([name, np.full_like(name, MAIN), np.full_like(name, -1), start, end], axis=1)
         ran = slices(self.trace)
         if not self.trace.exception_of:
             return ran.rows()
@@ -70,6 +78,13 @@ class History:
         new = np.append(True, (at[1:] != at[:-1]) | (kind[1:] != kind[:-1]))[: len(at)]
         end = right[np.append(new[1:], True)[: len(at)]]
         return np.stack([ran.task[at[new]], kind[new], ran.job[at[new]], left[new], end], axis=1)
+
+    @cached_property
+    def _spans(self) -> np.ndarray:
+        """Columns (name, start, end): from each begin to its end, in order of start."""
+        code = {name: i for i, name in enumerate(self.trace.names)}
+        table = spans(self.trace).assign(name=lambda found: found["name"].map(code))
+        return table.loc[table["duration"] > 0, ["name", "start", "end"]].to_numpy(np.int64)
 
     @cached_property
     def ready(self) -> np.ndarray:

@@ -6,8 +6,8 @@ import pathlib
 import pytest
 from hypothesis import given, settings
 
-from labkit.experiments.messages import QueueLab, SignalLab, check_shortest_queue
 from labkit.experiments.mars_pathfinder import MarsPathfinder
+from labkit.experiments.messages import QueueLab, SignalLab, check_shortest_queue
 from labkit.experiments.nested_mutexes import NestedMutexes, check_prompt_middle
 from labkit.experiments.priority_inversion import PriorityInversion, check_bound_reached, check_harmless_inversion
 from labkit.experiments.start_here import ThreeTasks

@@ -1,0 +1,101 @@
+"""Notebook 00: the timeline of a recording, the reader's own or the excerpt that source 1 published."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, ClassVar
+
+import numpy as np
+from annotated_types import Interval, MaxLen, MultipleOf, Unit
+from typing_extensions import Doc
+
+from labkit.data import published
+from labkit.experiment import Experiment, Metric, View
+from labkit.figures import History, axis, gantt, stack
+from labkit.trace import Report, read_recording
+
+EXCERPT = "xu2025_trace_unordered.log"
+ROWS = 10  # tasks in the picture: those that ran longest
+LONGEST = 3_600_000  # ms that the two edges can reach
+
+
+@dataclass(frozen=True, eq=False)
+class Recorded:
+    """A recording.
+
+    Attributes:
+        history: who ran when.
+        report: what its reader found and mended.
+        ran: name -> its time on the CPU in ms, the longest first.
+    """
+
+    history: History
+    report: Report
+    ran: dict[str, float]
+
+    @property
+    def length(self) -> float:
+        """In ms."""
+        trace = self.history.trace
+        return max(trace.end - trace.start, 1) * 1e3 / trace.hz
+
+    def says(self) -> str:
+        """What its reader did with it, and the first of what it found."""
+        r = self.report
+        counts = f"{r.moved_lines} out of order, {r.repaired} repaired, {r.rejected} left out"
+        first = "".join(f" {problem}." for problem in r.problems[:1])
+        return f"{Path(r.source).name}, read as {r.format}: {r.lines} lines, {counts}.{first}"
+
+
+class OwnRecording(Experiment[Recorded]):
+    """What did your board do?
+
+    The timeline of a recording: a log of stamps, the lab's own CSV, JSON of Perfetto, BTF, or Linux's ftrace as text. Drop the
+    file into the list of files at the left and write its name here. Zoom with the mouse; a double click shows all of it.
+    """
+
+    headline: ClassVar[tuple[str, ...]] = ("recorded", "stretches", "repaired or left out")
+
+    file: Annotated[str, MaxLen(300), Doc("name or path of the recording; nothing: the excerpt published in source 1")] = ""
+    start: Annotated[
+        float, Interval(ge=0, le=LONGEST), MultipleOf(0.001), Unit("ms"), View(), Doc("left edge of the picture")
+    ] = 0.0
+    end: Annotated[float, Interval(ge=0, le=LONGEST), MultipleOf(0.001), Unit("ms"), View(), Doc("right edge of the picture")] = (
+        float(LONGEST)
+    )
+
+    def run(self) -> Recorded:
+        """Read the file; of several cores the first. Raises LogError, a sentence, where there is nothing to read."""
+        trace, report = read_recording(Path(self.file.strip()) if self.file.strip() else published(EXCERPT))
+        history = History(next(iter(trace.cores().values())))
+        found = history.occupancy
+        busy = np.diff(found.busy[found.first]) * (1e3 / history.trace.hz)
+        order = [i for i in np.argsort(-busy, kind="stable").tolist() if busy[i] > 0]
+        return Recorded(history, report, {history.trace.names[i]: float(busy[i]) for i in order})
+
+    def figure(self, result: Recorded) -> dict[str, Any]:
+        low, high = sorted((min(self.start, result.length), min(self.end, result.length)))
+        if high - low < result.length / 1e6:
+            low, high = 0.0, result.length
+        rows = tuple(result.ran)[:ROWS] or ("nobody ran",)
+        return stack(
+            gantt(result.history, rows, low, high),
+            height=130 + 32 * max(len(rows), 4),
+            shared=axis("time [ms]", range=[low, high]),
+            keys=("release", "deadline", "missed"),
+            meta={"range": ("start", "end"), "says": result.says()},
+        )
+
+    def metrics(self, result: Recorded) -> list[Metric]:
+        mended = result.report.repaired + result.report.rejected
+        busiest = next(iter(result.ran), "")
+        return [
+            Metric("recorded", result.length, "ms", note="of several cores the first is shown"),
+            Metric("stretches", len(result.history.occupancy.start), note="uninterrupted, of all tasks together"),
+            Metric("repaired or left out", mended, "lines", good=None if not mended else False),
+            Metric(
+                "longest on the processor", busiest or None, note=f"{result.ran[busiest]:.4g} ms" if busiest else "nobody ran"
+            ),
+            Metric("names", len(result.ran), note=f"the picture has the {ROWS} that ran longest"),
+        ]
