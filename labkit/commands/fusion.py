@@ -9,7 +9,16 @@ from labkit.commands.command import Add, print_json
 
 
 def _track(args: argparse.Namespace) -> None:
-    from labkit.fusion import GlobalNearest, JointCompatible, NearestFirst, Rule, read_measurements, track, write_estimates
+    from labkit.fusion import (
+        GlobalNearest,
+        JointCompatible,
+        NearestFirst,
+        Rule,
+        consistency_band,
+        read_measurements,
+        track,
+        write_estimates,
+    )
 
     rules: dict[str, Any] = {
         "global": lambda: GlobalNearest(args.gate),
@@ -34,6 +43,7 @@ def _track(args: argparse.Namespace) -> None:
                 "measurements": len(one.steps),
                 "first_s": one.steps[0].measurement.time,
                 "last_s": one.steps[-1].measurement.time,
+                "mean_nis": one.mean_nis(),
             }
             for number, one in enumerate(found.tracks, 1)
         ],
@@ -54,7 +64,11 @@ def _track(args: argparse.Namespace) -> None:
             print(f"    {text.format(value)}")
     for number, one in enumerate(found.tracks, 1):
         first, last = one.steps[0].measurement.time, one.steps[-1].measurement.time
-        print(f"    track {number}: {len(one.steps)} measurements from {first:g} to {last:g} s")
+        line = f"    track {number}: {len(one.steps)} measurements from {first:g} to {last:g} s"
+        if (nis := one.mean_nis()) is not None:
+            low, high = consistency_band(2, len(one.steps) - 1)
+            line += f", mean NIS {nis:.2f} ({low:.2f} to {high:.2f} if sigma and q fit)"
+        print(line)
 
 
 def add_to(add: Add) -> None:

@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -53,10 +53,19 @@ def pairs(forecasts: Sequence[Forecast], look: Sequence[Measurement]) -> Pairs:
     x, y, xx, xy, yy = np.array(forecasts, float).T[:, :, None]
     zx, zy, rxx, rxy, ryy = np.array([(m.x, m.y, m.xx, m.xy, m.yy) for m in look]).T[:, None, :]
     dx, dy = zx - x, zy - y
-    sxx, sxy, syy = xx + rxx, xy + rxy, yy + ryy
-    det = sxx * syy - sxy * sxy
-    squared = (syy * dx * dx - 2 * sxy * dx * dy + sxx * dy * dy) / det
+    squared, det = _mahalanobis(dx, dy, xx + rxx, xy + rxy, yy + ryy)
     return Pairs(np.hypot(dx, dy), squared, squared + np.log(det))
+
+
+def squared_distance(f: Forecast, m: Measurement) -> float:
+    """Squared Mahalanobis distance of a measurement from a forecast; of the one that belongs to it, this is its NIS."""
+    return _mahalanobis(m.x - f.x, m.y - f.y, f.xx + m.xx, f.xy + m.xy, f.yy + m.yy)[0]
+
+
+def _mahalanobis(dx: Any, dy: Any, sxx: Any, sxy: Any, syy: Any) -> tuple[Any, Any]:
+    """y' S^-1 y and the determinant of S, of numbers or arrays."""
+    det = sxx * syy - sxy * sxy
+    return (syy * dx * dx - 2 * sxy * dx * dy + sxx * dy * dy) / det, det
 
 
 def gate_squared(share: float) -> float:

@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 
 from labkit.checks import whole
-from labkit.fusion.association import GlobalNearest, Rule, pairs
+from labkit.fusion.association import GlobalNearest, Rule, pairs, squared_distance
 from labkit.fusion.filters import Filter, Forecast, start
 from labkit.fusion.kalman import MOTIONS, Model
 from labkit.fusion.measurements import Measurement
@@ -32,10 +32,14 @@ MOST_TRACKS, MOST_PREDICTIONS = 1000, 20_000_000
 
 
 class Step(NamedTuple):
-    """A measurement that a track took, and what its filter says after it: `row` as in `Filter.row`."""
+    """A measurement that a track took, and what its filter says after it: `row` as in `Filter.row`.
+
+    `nis` is its normalised innovation squared, the squared Mahalanobis distance from the forecast; the first one has none.
+    """
 
     measurement: Measurement
     row: tuple[float, float, float, float, float, float]
+    nis: float | None
 
 
 @dataclass(eq=False)
@@ -52,6 +56,11 @@ class Track:
     filter: Filter
     steps: list[Step]
     _looks: deque[int] = field(repr=False)  # numbers of the looks that gave it a measurement, the last `drop` of them
+
+    def mean_nis(self) -> float | None:
+        """Mean of the normalised innovations squared: about 2 if sigma and q fit, whatever the truth is; None after one step."""
+        found = [step.nis for step in self.steps if step.nis is not None]
+        return sum(found) / len(found) if found else None
 
 
 class Tracker:
@@ -107,12 +116,14 @@ class Tracker:
         taken = [self._left_over(m, served) if track is None else track for m, track in zip(look, chosen)]
         known = set(map(id, self.tracks))
         for measurement, track in zip(look, taken):
+            nis = None
             if id(track) in known:
+                nis = squared_distance(track.filter.forecast(time), measurement)
                 track.filter = track.filter.update(measurement)
             else:
                 known.add(id(track))
                 self.tracks.append(track)
-            track.steps.append(Step(measurement, track.filter.row()))
+            track.steps.append(Step(measurement, track.filter.row(), nis))
             if not track._looks or track._looks[-1] != self._look:
                 track._looks.append(self._look)
         if len(self.tracks) > MOST_TRACKS:

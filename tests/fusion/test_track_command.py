@@ -31,6 +31,7 @@ def test_estimates_of_the_sample_file(tmp_path, capsys):
     assert told["used"] == len(rows) == 108 and told["measurements"] == 112 and told["unused"] == 4
     assert told["ignored_columns"] == ["arrived_s"] and told["moved"] > 0
     assert sum(track["measurements"] for track in told["tracks"]) == len(rows)
+    assert all(1 < track["mean_nis"] < 3 for track in told["tracks"])
     times = [float(row["t_s"]) for row in rows]
     assert times == sorted(times)
     last = {row["track"]: row for row in rows}
@@ -42,6 +43,7 @@ def test_the_report_is_for_reading_too(tmp_path, capsys):
     run(tmp_path)
     printed = capsys.readouterr().out
     assert "112 measurements, 108 used, 3 tracks" in printed and "'arrived_s'" in printed and "track 3:" in printed
+    assert printed.count("if sigma and q fit") == 3
 
 
 @pytest.mark.parametrize("model", ["cp", "cv", "ca"])

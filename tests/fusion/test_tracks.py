@@ -18,6 +18,7 @@ from labkit.fusion import (
     Measurement,
     NearestFirst,
     Tracker,
+    consistency_band,
     gate_squared,
     looks,
     pairs,
@@ -222,7 +223,24 @@ def test_an_element_that_is_alone_survives_every_gap(gap):
 
 
 def test_a_single_measurement_is_a_track():
-    assert len(track([Measurement.equal(0, 0, 0, "A", 1)], "cv", 1).rows()) == 1
+    found = track([Measurement.equal(0, 0, 0, "A", 1)], "cv", 1)
+    assert len(found.rows()) == 1 and found.tracks[0].mean_nis() is None
+
+
+def test_nis_is_about_two_if_sigma_is_right_and_tells_when_it_is_not():
+    """The straight line of a prior velocity: nothing but sigma decides, q is 0."""
+    rng = np.random.default_rng(6)
+    v = 2 * rng.normal(size=(100, 2))
+    means = []
+    for assumed in (SIGMA, 2 * SIGMA):
+        nis = []
+        for one in v:
+            z = [0.165 * k * one + SIGMA * np.random.default_rng(k).normal(size=2) for k in range(20)]
+            seen = [Measurement.equal(0.165 * k, *place, "A", assumed) for k, place in enumerate(z)]
+            nis.append(track(seen, "cv", 0.0, GlobalNearest(1 - 1e-9)).tracks[0].mean_nis())
+        means.append(np.mean(nis))
+    low, high = consistency_band(2, 19)  # all runs have the same noise, so that this is one run
+    assert low < means[0] < high and means[1] < 0.3 * means[0]
 
 
 def test_two_stations_that_see_different_objects_at_different_rates():
