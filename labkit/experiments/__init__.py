@@ -123,6 +123,7 @@ EXERCISES: dict[str, str] = {
     "check_noise": "kalman_fusion",
     "check_gate": "kalman_gate",
     "check_fast_ball": "laser_pipeline",
+    "check_rolling": "laser_pipeline",
     "check_shortest_time": "laser_anytime",
     "check_two_balls": "laser_views",
     "agent": "dma_session",

@@ -69,8 +69,8 @@ class CircleFits(Experiment[Fits]):
         ]
         one = from_above(
             [there([ring(x, 0.0, BALL_RADIUS)]), *circles, dots("points", result.balls[at], INK, 8, showlegend=False)],
-            (x - 0.2, x + 0.2),
-            (-0.2, 0.2),
+            (x - 0.19, x + 0.19),
+            (-0.19, 0.19),
             title=f"a ball at {DISTANCES[at]:g} m",
             caption="seen from the left",
         )
@@ -124,6 +124,6 @@ def seen(distance: float, step_deg: float, noise_m: float, rng: np.random.Genera
 
 def fitted(xy: np.ndarray) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """Centres and radii of many balls by each fit; nan where a fit finds no circle."""
-    start = xy.mean(axis=1) + (0.7 * BALL_RADIUS, 0.0)
+    start = xy.mean(axis=1) + np.array([0.7 * BALL_RADIUS, 0.0])
     known = known_radius(xy, BALL_RADIUS, start)
     return {"known radius": (known, np.full(len(xy), BALL_RADIUS)), "Taubin": taubin(xy), "Kasa": kasa(xy)}

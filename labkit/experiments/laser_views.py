@@ -138,8 +138,8 @@ class FusedViews(Experiment[Views]):
         return from_above(
             [
                 there([*scene, *moved], legend=first),
-                *(dots(f"points of {p.station}", p.xy, COLOURS[p.station], 4, showlegend=first) for p in view.points),
                 *(drawn(kind, element_lines(view.fused.of(kind)), colour, showlegend=first) for kind, colour in kinds),  # type: ignore[arg-type]
+                *(dots(f"points of {p.station}", p.xy, COLOURS[p.station], 4, showlegend=first) for p in view.points),
                 scanners(tuple(PLACES), [place[:2] for place in PLACES.values()], [INK, INK]),
             ],
             (-0.3, LENGTH + 0.3),

@@ -15,7 +15,7 @@ from labkit.figures.panel import Panel
 from labkit.figures.style import FONT, GREY, INK, Spec, axis
 from labkit.fusion import Arcs, Edges, Element, Objects, World
 
-CORNERS = 25  # of the line that draws a whole circle
+CORNERS = 37  # of the line that draws a whole circle
 
 Lines = list[np.ndarray]  # each of shape (k, 2)
 
@@ -53,14 +53,20 @@ def disc_lines(objects: Objects) -> Lines:
 
 
 def element_lines(elements: Iterable[Element]) -> Lines:
-    """Borders as lines, all others as circles of their size: how a robot is turned, no element says."""
+    """Borders as lines, balls as circles, robots as squares."""
     made = []
     for e in elements:
-        if e.kind == "border":
-            dx, dy = np.cos(e.heading) * e.size / 2, np.sin(e.heading) * e.size / 2
-            made.append(np.array([(e.x - dx, e.y - dy), (e.x + dx, e.y + dy)]))
-        else:
-            made.append(circle(e.x, e.y, e.size / 2))
+        dx, dy = np.cos(e.heading) * e.size / 2, np.sin(e.heading) * e.size / 2
+        match e.kind:
+            case "border":
+                around = np.array([(-dx, -dy), (dx, dy)])
+            case "robot":
+                around = np.array(
+                    [(dx + dy, dy - dx), (dx - dy, dy + dx), (-dx - dy, dx - dy), (dy - dx, -dx - dy), (dx + dy, dy - dx)]
+                )
+            case "ball":
+                around = circle(0, 0, e.size / 2)
+        made.append(around + np.array([e.x, e.y]))
     return made
 
 

@@ -93,7 +93,8 @@ def _one_of(a: Element, b: Element) -> Element:
     w = b.confidence / total if total else 0.5
     sure = 1 - (1 - a.confidence) * (1 - b.confidence)
     if a.kind != "border":
-        return replace(a, x=a.x + w * (b.x - a.x), y=a.y + w * (b.y - a.y), confidence=sure)
+        surer = a if a.confidence >= b.confidence else b
+        return replace(surer, x=a.x + w * (b.x - a.x), y=a.y + w * (b.y - a.y), confidence=sure)
     c, s = np.cos(a.heading), np.sin(a.heading)
     along, beside = c * (b.x - a.x) + s * (b.y - a.y), w * (c * (b.y - a.y) - s * (b.x - a.x))
     low, high = min(-a.size / 2, along - b.size / 2), max(a.size / 2, along + b.size / 2)

@@ -115,4 +115,6 @@ def _robot(polygon: Polygon, settings: Settings) -> list[Element]:
     known = np.concatenate([(right * middle).sum(axis=1) + settings.robot / 2, ALONG * (u * middle).sum(axis=1)])
     x, y = np.linalg.lstsq(rows, known * np.tile(length, 2), rcond=None)[0].tolist()
     shown = min(1.0, float(length.max()) / settings.robot)
-    return [Element("robot", x, y, settings.robot, _supported(polygon.points) * shown)]
+    side = u[int(length.argmax())]
+    heading = float(np.arctan2(side[1], side[0]))
+    return [Element("robot", x, y, settings.robot, _supported(polygon.points) * shown, heading)]

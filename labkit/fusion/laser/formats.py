@@ -148,7 +148,7 @@ class Objects:
 @dataclass(frozen=True)
 class Element:
     """Something known: where its centre is, its size in m (a diameter, the side of a robot, the length of a border) and how sure
-    the filter is, from 0 to 1. A border's `heading` is the direction of its wall.
+    the filter is, from 0 to 1. `heading` is the direction of a border's wall or of a robot's side.
     """
 
     kind: Kind
