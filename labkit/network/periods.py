@@ -17,8 +17,8 @@ What each makes of an error, for a station whose readings are wrong by e_i (`pha
   sees any: on the way to the first start, for (5.3) ignores rates, and in the first period. By absolute phase all of that goes
   with the first correction.
 - A shift that was lost, as the thread had read but was aborted before it shifted, or as the shift was cut: (5.5) keeps that, too.
-- A correction thread that did not run at all: nothing is lost, if C_i is taken against the last pair that was *read*; the sum
-  telescopes over the gap. (Taken as lost, as one may read the source, it would be one period's drift.)
+- A correction thread that did not run at all: nothing is lost, if C_i is taken against the last pair that was *read*, as the sum
+  telescopes over the gap, and if the larger shift that follows is not cut.
 
 A shift forward, C_i < 0, takes time from the period. The thread reserves it: its window at the period's end, Deadline_C, is its
 own WCET plus the largest forward shift (5.6 to 5.8; the windows of the phases are `labkit.phases.windows` with that reserve). A
