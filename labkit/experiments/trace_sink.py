@@ -54,7 +54,7 @@ class SinkStory(Experiment[Told]):
     """
 
     slow: ClassVar[bool] = True
-    step: Annotated[int, Interval(ge=0, le=SHOWN), View(), Doc("how far the history is told")] = SHOWN
+    step: Annotated[int, Interval(ge=0, le=SHOWN), View(play=True), Doc("how far the history is told")] = SHOWN
     variant: Annotated[
         VariantName, Labels({name: name.replace("-", " ") for name in VARIANTS}), Doc("how a message gets into the ring")
     ] = "published-first"
