@@ -13,7 +13,13 @@ from labkit.trace.kinds import STATES
 from labkit.trace.trace import Trace
 
 #: The kinds of events with which a task begins to wait for an object.
-BLOCKS = ("take_block", "send_block", "recv_block", "peek_block", "notify_take_block")
+BLOCKS = (
+    *("take_block", "send_block", "recv_block", "peek_block", "notify_take_block", "notify_wait_block", "select_block"),
+    *("wait_bits_block", "sync_block", "timer_send_block"),
+    *("stream_send_block", "stream_recv_block", "message_send_block", "message_recv_block"),
+)
+#: Those with which another task stops what a task does.
+STOPS = ("suspend", "delete")
 
 
 def runs(trace: Trace) -> np.ndarray:
@@ -72,11 +78,11 @@ def holds(trace: Trace) -> np.ndarray:
 
 
 def waits(trace: Trace) -> np.ndarray:
-    """Waiting for an object, columns (task, object, start, end): from the block to the moment the task is ready or suspended.
+    """Waiting for an object, columns (task, object, start, end): from the block to the moment the task is ready, suspended or deleted.
 
     A wait for a notification has object -1. A task that finds nothing when it retries (no hand-off) begins a new interval.
     """
-    blocks, ready, suspend = (np.flatnonzero(trace.of(*kinds)) for kinds in (BLOCKS, ("ready",), ("suspend",)))
+    blocks, ready, suspend = (np.flatnonzero(trace.of(*kinds)) for kinds in (BLOCKS, ("ready",), STOPS))
     if not len(blocks):
         return np.empty((0, 4), np.int64)
     opened = trace.task[blocks], blocks
@@ -87,7 +93,7 @@ def waits(trace: Trace) -> np.ndarray:
 
 def ready(trace: Trace) -> np.ndarray:
     """Ready but not running, columns (task, start, end): preempted, sliced out, or not yet chosen."""
-    switches, readied, suspended = (np.flatnonzero(trace.of(kind)) for kind in ("switch", "ready", "suspend"))
+    switches, readied, suspended = (np.flatnonzero(trace.of(*kinds)) for kinds in (("switch",), ("ready",), STOPS))
     running = np.append(trace.task[switches], -1)[np.searchsorted(switches, readied) - 1]  # -1: before the first switch
     readied = readied[trace.task[readied] != running]
     out = switches[(trace.extra[switches] == STATES.index("ready")) & (trace.other[switches] >= 0)]
@@ -100,12 +106,11 @@ def ready(trace: Trace) -> np.ndarray:
 
 def priorities(trace: Trace) -> np.ndarray:
     """Current priorities as steps, columns (task, start, end, priority), from each task's creation to its end."""
-    kinds = ("create", "ready", "switch", "inherit", "disinherit", "disinherit_timeout", "prio_set", "done")
+    kinds = ("create", "ready", "switch", "inherit", "disinherit", "disinherit_timeout", "prio_set", "done", "delete")
     rows = np.flatnonzero(trace.of(*kinds))
-    set_by_another = trace.of("prio_set")[rows]
-    task = np.where(set_by_another, trace.other[rows], trace.task[rows])
+    task = np.where(trace.of("prio_set", "delete")[rows], trace.other[rows], trace.task[rows])
     task, rows = _by(task[task >= 0], rows[task >= 0])[::-1]
-    set_by_another, done = trace.of("prio_set")[rows], trace.of("done")[rows]
+    set_by_another, done = trace.of("prio_set")[rows], trace.of("done", "delete")[rows]
     priority = np.where(set_by_another, trace.extra[rows], trace.value[rows])
     same = np.zeros(len(rows), bool)
     same[1:] = (task[1:] == task[:-1]) & (priority[1:] == priority[:-1]) & ~done[1:] & ~done[:-1]

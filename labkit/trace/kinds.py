@@ -92,6 +92,9 @@ timer_send_fail    other: timer or -1            value: commands before         
 timer_command      other: timer                  value: tick count or period    extra: index into TIMER_COMMANDS
 timer_expired      other: timer
 pend_call                                        value: its number
+malloc             other: what it is for or -1   value: free bytes afterwards   extra: bytes asked for
+malloc_failed      other: what it is for or -1   value: free bytes              extra: bytes asked for
+free               other: what it was for or -1  value: free bytes afterwards   extra: bytes given back
 """
 
 KINDS: tuple[str, ...] = tuple(line.split(maxsplit=1)[0] for line in _ROWS.split("\n") if line)

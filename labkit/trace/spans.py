@@ -47,7 +47,7 @@ def pair(name: np.ndarray, begin: np.ndarray) -> Pairs:
     Args:
         name, begin: arrays of shape (n,), the events in order of time; `begin` is True for a begin.
     """
-    order = np.argsort(name, kind="stable")
+    order = np.argsort(name, kind="stable").astype(_small(len(name)))
     sorted_name, opens = name[order], begin[order].astype(bool)
     change = sorted_name[1:] != sorted_name[:-1]
     first = np.concatenate([[True], change])[: len(order)]
@@ -59,7 +59,7 @@ def pair(name: np.ndarray, begin: np.ndarray) -> Pairs:
     before, after = ~opens & first, opens & last
     at = np.flatnonzero(ended)
     lost = ~(ended | closing | before | after)
-    outside = np.full(len(order), -1)
+    outside = np.full(max(before.sum(), after.sum()), -1, order.dtype)
     return Pairs(
         begin=np.concatenate([order[at], outside[: before.sum()], order[after]]),
         end=np.concatenate([order[at + 1], order[before], outside[: after.sum()]]),
@@ -80,22 +80,32 @@ def nest(name: np.ndarray, opened: np.ndarray, closed: np.ndarray, begin: np.nda
         begin, end: per span, times.
     """
     count = len(name)
-    order = np.lexsort((-np.concatenate([closed, opened]), np.concatenate([opened, closed])))
+    small = _small(4 * count)  # of a large log every array here is tens of megabytes
+    tie = np.concatenate([closed, opened])
+    order: np.ndarray = np.lexsort((np.negative(tie, out=tie), np.concatenate([opened, closed]))).astype(small)
+    del tie
     is_end = order >= count
-    span = (order - count * is_end).astype(np.int32)
-    del order
-    level = np.cumsum(np.where(is_end, np.int8(-1), np.int8(1)), dtype=np.int32) + is_end  # of a span at its begin and its end
-    by_level = np.argsort(level, kind="stable")
+    order[is_end] -= count
+    span = order
+    level: np.ndarray = np.cumsum(np.where(is_end, np.int8(-1), np.int8(1)), dtype=small)
+    level += is_end  # of a span at its begin and its end
+    by_level = np.argsort(level, kind="stable").astype(small)
     opening, closing = by_level[0::2], by_level[1::2]  # on one level begins and ends take turns
-    parent, depth = np.full(count, -1), np.zeros(count, np.int64)
-    depth[span[opening]] = level[opening] - 1
-    key = level[opening].astype(np.int64) * (2 * count) + opening
-    inner = np.flatnonzero(level[opening] > 1)
-    around = np.searchsorted(key, key[inner] - 2 * count) - 1  # the latest begin one level up
-    parent[span[opening[inner]]] = span[opening[around]]
-    del key, inner, around
+    parent: np.ndarray = np.full(count, -1, small)
+    depth: np.ndarray = np.zeros(count, small)
+    at = level[opening]
+    depth[span[opening]] = at - 1
+    inner = np.flatnonzero(at > 1)
+    if len(inner):
+        key = at * np.int64(2 * count)
+        key += opening
+        around = np.searchsorted(key, key[inner] - 2 * count) - 1  # the latest begin one level up
+        parent[span[opening[inner]]] = span[opening[around]]
+        del key, around
+    del at, inner
     own = end - begin
-    np.subtract.at(own, parent[parent >= 0], (end - begin)[parent >= 0])
+    enclosed = np.flatnonzero(parent >= 0)
+    np.subtract.at(own, parent[enclosed], end[enclosed] - begin[enclosed])
 
     crossed = span[opening] != span[closing]
     if crossed.any():  # what ends in another order than it began is walked through, from idle to idle
@@ -107,6 +117,11 @@ def nest(name: np.ndarray, opened: np.ndarray, closed: np.ndarray, begin: np.nda
         parent[some] = np.where(walked.parent >= 0, some[walked.parent], -1)
         depth[some], own[some] = walked.depth, walked.self
     return Nesting(parent, depth, own)
+
+
+def _small(most: int) -> type[np.int32] | type[np.int64]:
+    """The smaller type of integers in which numbers up to `most` fit."""
+    return np.int32 if most < 1 << 31 else np.int64
 
 
 def _walk(name: np.ndarray, opened: np.ndarray, closed: np.ndarray, begin: np.ndarray, end: np.ndarray) -> Nesting:
@@ -188,8 +203,10 @@ def spans(trace: Trace) -> pd.DataFrame:
 def span_table(trace: Trace) -> dict[str, np.ndarray]:
     """The columns of `spans` of one core as arrays, in no order; names as codes, the kernel's being one more than there are."""
     runs = _runs(trace)
-    kinds = runs, _overheads(trace), _paired(trace)
-    name, opened, closed, begin, end, complete = (np.concatenate(parts) for parts in zip(*kinds, strict=True))
+    kinds = [spans for spans in (runs, _overheads(trace), _paired(trace)) if len(spans[0])] or [runs]
+    name, opened, closed, begin, end, complete = (
+        np.concatenate(parts) if len(parts) > 1 else parts[0] for parts in zip(*kinds, strict=True)
+    )
     nesting = nest(name, opened, closed, begin, end)
     return {
         "name": name,
@@ -206,20 +223,22 @@ def span_table(trace: Trace) -> dict[str, np.ndarray]:
 
 
 def _paired(trace: Trace) -> tuple[np.ndarray, ...]:
-    rows = np.flatnonzero(((trace.kind == CODE["begin"]) | (trace.kind == CODE["end"])) & (trace.task >= 0))
-    owner = trace.other[rows]
-    who = trace.task[rows] if np.any(owner < 0) else trace.task[rows] * len(trace.names) + owner  # the kernel names the task
+    wanted = ((trace.kind == CODE["begin"]) | (trace.kind == CODE["end"])) & (trace.task >= 0)
+    rows = slice(None) if wanted.all() else np.flatnonzero(wanted)  # of a log that is everything, and large
+    time, owner = trace.time[rows], trace.other[rows]
+    name = trace.task[rows].astype(np.int32)
+    who = name if np.any(owner < 0) else trace.task[rows] * len(trace.names) + owner  # the kernel names the task
     pairs = pair(who, trace.kind[rows] == CODE["begin"])
+    del owner, who
     cut_before, cut_after = pairs.begin < 0, pairs.end < 0
-    first, last = rows[pairs.begin] if len(rows) else rows, rows[pairs.end] if len(rows) else rows
-    return (
-        trace.task[np.where(cut_before, last, first)],
-        np.where(cut_before, -1, 2 * first + 1),
-        np.where(cut_after, 2 * len(trace) + 1, 2 * last + 1),
-        np.where(cut_before, trace.start, trace.time[first]),
-        np.where(cut_after, trace.end, trace.time[last]),
-        ~(cut_before | cut_after),
+    opened, closed = (
+        2 * (at if isinstance(rows, slice) else rows[at]).astype(_small(2 * len(trace) + 1)) + 1
+        for at in (pairs.begin, pairs.end)
     )
+    opened[cut_before], closed[cut_after] = -1, 2 * len(trace) + 1
+    begin, end = time[pairs.begin], time[pairs.end]
+    begin[cut_before], end[cut_after] = trace.start, trace.end
+    return name[np.where(cut_before, pairs.end, pairs.begin)], opened, closed, begin, end, ~(cut_before | cut_after)
 
 
 def _overheads(trace: Trace) -> tuple[np.ndarray, ...]:

@@ -70,11 +70,13 @@ def statistics(trace: Trace) -> pd.DataFrame:
     tables, active, done = [], [], []
     for first, part in zip(range(0, size, len(names)), cores.values(), strict=True):
         table = span_table(part)
+        table["name"] = table["name"] + np.int32(first) if first else table["name"]
         active.append(_activations(part, table, first))
-        tables.append((table["name"] + first, table["duration"], table["self"], table["complete"], table["run"]))
+        tables.append((table["name"], table["duration"], table["self"], table["complete"], table["run"]))
+        del table  # of a large log this and what follows are hundreds of megabytes
         done.append((jobs(part), first))
     activations, of_activations = _of_activations(active, size)
-    del active, table  # of a large log these are hundreds of megabytes
+    del active
     seen, of_spans = _of_spans(_joined(tables), size)
     count, of_jobs = _of_jobs(done, size)
     columns = {**of_spans, **of_activations, **of_jobs}
@@ -104,12 +106,12 @@ def _of_spans(table: Sequence[np.ndarray], size: int) -> tuple[np.ndarray, dict[
 def _of_activations(active: Sequence[tuple[np.ndarray, ...]], size: int) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     """How many activations there are of each row, and the columns that come from name and time of them."""
     name, time = _joined(active)
+    count = np.bincount(name, minlength=size)
     intervals = _intervals(name, time, size)
     median = intervals.median()
-    deviation = _Groups(intervals.name, np.abs(intervals.value - median[intervals.name]), size)
+    jitter = np.fmax(intervals.rank(1) - median, median - intervals.rank(0))
     gaps = np.bincount(intervals.name[skipping(intervals.name, intervals.value, median)], minlength=size)
-    columns = {"period": intervals.mean(), "jitter": deviation.rank(1), "gaps": gaps, "period_std": intervals.std()}
-    return np.bincount(name, minlength=size), columns
+    return count, {"period": intervals.mean(), "jitter": jitter, "gaps": gaps, "period_std": intervals.std()}
 
 
 def skipping(name: np.ndarray, interval: np.ndarray, median: np.ndarray) -> np.ndarray:
@@ -119,11 +121,13 @@ def skipping(name: np.ndarray, interval: np.ndarray, median: np.ndarray) -> np.n
     Args:
         name, interval: shape (n,); median: by name.
     """
-    usual = median[name]
-    times = np.rint(np.divide(interval, usual, out=np.zeros(len(name)), where=usual > 0))
-    near = np.abs(interval - times * usual) <= usual / 4
-    regular = np.bincount(name[near & (times == 1)], minlength=len(median))
-    return near & (times > 1) & (2 * regular > np.bincount(name, minlength=len(median)))[name]
+    regular = np.bincount(name[np.abs(interval - median[name]) <= median[name] / 4], minlength=len(median))
+    periodic = (2 * regular > np.bincount(name, minlength=len(median))) & (median > 0)
+    found = (interval > 1.5 * median[name]) & periodic[name]
+    at = np.flatnonzero(found)
+    usual = median[name[at]]
+    found[at] = np.abs(interval[at] - np.rint(interval[at] / usual) * usual) <= usual / 4
+    return found
 
 
 def _of_jobs(done: list[tuple[Jobs, int]], size: int) -> tuple[np.ndarray, dict[str, np.ndarray]]:
@@ -161,8 +165,9 @@ class _Groups:
     """Integers or floats grouped by name code, sorted within each group once, so that every statistic is one array operation."""
 
     def __init__(self, name: np.ndarray, value: np.ndarray, size: int):
-        order = np.lexsort((value, name))
+        order = np.lexsort((value, name)).astype(np.int32 if len(name) < 1 << 31 else np.int64)
         self.name, self.value = name[order], value[order]
+        del order
         self.count = np.bincount(name, minlength=size)
         self.sum = np.bincount(name, value, size)
         self._first = np.cumsum(self.count) - self.count
@@ -189,25 +194,30 @@ class _Groups:
 
 
 def _activations(trace: Trace, table: dict[str, np.ndarray], first: int) -> tuple[np.ndarray, np.ndarray]:
-    """Name, counted from `first`, and time of each activation."""
+    """Name, counted from `first` as those of the table, and time of each activation."""
     released = np.flatnonzero(trace.of("release") & (trace.task >= 0))
-    task, release = trace.task[released], trace.value[released]
+    if not len(released):
+        begun: slice | np.ndarray = slice(None) if (table["opened"] >= 0).all() else table["opened"] >= 0
+        return table["name"][begun], table["start"][begun]
+    task, release = trace.task[released] + first, trace.value[released]
     periodic = np.isin(table["name"], task)
     begun = (table["opened"] >= 0) & ~periodic
     order = np.lexsort((table["end"][periodic], table["name"][periodic]))
     name, start, end = (table[key][periodic][order] for key in ("name", "start", "end"))  # runs of one task do not overlap
     moments, at = np.unique(np.concatenate([end, release]), return_inverse=True)
+    name = name.astype(np.int64)
     key = name * len(moments) + at[: len(end)]
     run = np.searchsorted(key, task * len(moments) + at[len(end) :], side="right")  # the first that goes on after the release
     some = run < len(name)
     some[some] = name[run[some]] == task[some]
     started = np.maximum(start[run[some]], release[some])
-    name = np.concatenate([table["name"][begun], task[some]]) + first
-    return name, np.concatenate([table["start"][begun], started])
+    return np.concatenate([table["name"][begun], task[some]]), np.concatenate([table["start"][begun], started])
 
 
 def _intervals(name: np.ndarray, time: np.ndarray, size: int) -> _Groups:
-    order = np.lexsort((time, name))
-    name, time = name[order], time[order]
-    same = name[1:] == name[:-1]
-    return _Groups(name[1:][same], np.diff(time)[same], size)
+    order = np.lexsort((time, name)).astype(np.int32 if len(name) < 1 << 31 else np.int64)
+    name = name[order]
+    same = np.flatnonzero(name[1:] == name[:-1])
+    name, interval = name[same], np.diff(time[order])[same]
+    del order, same
+    return _Groups(name, interval, size)

@@ -72,7 +72,7 @@ def log_of(source: Source, clock_hz: float | None) -> tuple[Trace, Report]:
         wraps = _unwrap(stamps, wrap, problems)
     moved = _out_of_order(stamps, wrap, problems)
 
-    stamps = stamps.ordered(np.argsort(stamps.time, kind="stable"))
+    stamps = stamps.sorted_by_time()
     pairs = pair(stamps.name.astype(np.int64) * 1000 + stamps.core if reading.several else stamps.name, stamps.begin)
     _report_unpaired(stamps, pairs, names, problems)
     trace = trace_of(stamps, pairs, names, reading.several)
@@ -168,12 +168,13 @@ def trace_of(stamps: Stamps, pairs: Pairs, names: list[str], several: bool) -> T
     hz = 1_000_000 if fine else 1_000_000_000
     start, stop = int(stamps.time[0]), int(stamps.time[-1])
     order = _order(stamps, pairs)
-    other = _enclosing(stamps, pairs, order, several).astype(np.int64)
+    other = _enclosing(stamps, pairs, order, several)
+    del pairs  # of a large log each of these columns is a hundred megabytes
     kind = np.where(stamps.begin[order], CODE["begin"], CODE["end"])
-    value, extra = np.zeros(len(order), np.int64), np.zeros(len(order), np.int64)
-    task = stamps.name[order].astype(np.int64)
+    value, extra = np.zeros(len(order), np.int64), np.zeros(len(order), np.int64)  # never touched, they take no memory
     core = stamps.core[order].astype(np.int64) if several else None
-    return Trace(stamps.time[order], kind, task, other, value, extra, tuple(names), hz, start, stop, core=core)
+    time, task = stamps.time[order], stamps.name[order].astype(np.int64)
+    return Trace(time, kind, task, other.astype(np.int64), value, extra, tuple(names), hz, start, stop, core=core)
 
 
 def _enclosing(stamps: Stamps, pairs: Pairs, order: np.ndarray, several: bool) -> np.ndarray:
@@ -186,14 +187,13 @@ def _enclosing(stamps: Stamps, pairs: Pairs, order: np.ndarray, several: bool) -
     name = stamps.name[owner]
     opened = np.where(has_begin, place[pairs.begin], np.int32(-1))
     closed = np.where(has_end, place[pairs.end], np.int32(count))
-    begin = np.where(has_begin, stamps.time[pairs.begin], stamps.time[0])
-    end = np.where(has_end, stamps.time[pairs.end], stamps.time[-1])
     other = np.full(count, -1, np.int32)
     core = stamps.core[owner]
-    del place, owner
+    del place, owner, has_end
+    nothing = np.broadcast_to(np.int8(0), len(name))  # who is inside whom is a matter of order, not of times
     for each in np.unique(core):
         mine = np.flatnonzero(core == each) if several else slice(None)
-        parent = nest(name[mine], opened[mine], closed[mine], begin[mine], end[mine]).parent
+        parent = nest(name[mine], opened[mine], closed[mine], nothing[mine], nothing[mine]).parent
         inner = (parent >= 0) & has_begin[mine]
         other[opened[mine][inner]] = name[mine][parent[inner]]
     return other
@@ -212,5 +212,7 @@ def _order(stamps: Stamps, pairs: Pairs) -> np.ndarray:
     rank[begun], tie[begun] = 2, -(count + 1)
     ended = pairs.end[pairs.begin < 0]
     tie[ended] = 1
+    if not len(pairs.lost):
+        return np.lexsort((tie, rank, stamps.time)).astype(np.int32)
     kept = np.delete(np.arange(count, dtype=np.int32), pairs.lost)
     return kept[np.lexsort((tie[kept], rank[kept], stamps.time[kept]))]

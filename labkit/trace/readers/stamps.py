@@ -40,6 +40,12 @@ class Stamps:
     def ordered(self, order: np.ndarray) -> Stamps:
         return Stamps(*(column[order] for column in self.columns()))
 
+    def sorted_by_time(self) -> Stamps:
+        """These stamps in order of time, those of one time as they were; themselves, if they are in order already."""
+        if not np.any(self.time[1:] < self.time[:-1]):
+            return self
+        return self.ordered(np.argsort(self.time, kind="stable").astype(np.int32))
+
 
 @dataclass
 class Reading:
@@ -94,10 +100,11 @@ def read_stamps(source: Source, wrap: Fraction | None) -> tuple[Stamps, Reading]
             reading.several = _several(lines)
         block = _quickly(lines, reading) or _carefully(lines, reading)
         for column, part in zip(columns, block.columns(), strict=True):
-            column += part.tobytes()
+            if part.strides[0]:  # a core for all takes no memory
+                column += part.tobytes()
         reading.lines += len(lines)
-    stamps = Stamps(*(np.frombuffer(column, like.dtype) for column, like in zip(columns, empty, strict=True)))
-    return stamps, reading
+    line, time, name, begin, core = (np.frombuffer(column, like.dtype) for column, like in zip(columns, empty, strict=True))
+    return Stamps(line, time, name, begin, core if reading.several else np.broadcast_to(np.int16(0), len(line))), reading
 
 
 def _several(lines: list[str]) -> bool:
@@ -190,7 +197,7 @@ def _columns(
         np.asarray(time, dtype=np.int64),
         np.asarray(name, dtype=np.int32),
         np.asarray(begin, dtype=bool),
-        np.asarray(core, dtype=np.int16) if len(core) else np.zeros(len(line), np.int16),
+        np.asarray(core, dtype=np.int16) if len(core) else np.broadcast_to(np.int16(0), len(line)),
     )
 
 
