@@ -4,8 +4,8 @@ The services, by the name they have in FreeRTOS, in a task body (`os.`, to be yi
 differs. Everywhere: handles are Python objects, a time-out of None waits for ever, and each call can have a price (`Costs`).
 
     FreeRTOS                                here                     differs
-    xTaskCreate                             os.create                Kernel.task before the start; no memory runs out
-    vTaskDelete                             os.delete                memory is not given back; mutexes stay taken, as there
+    xTaskCreate                             os.create                Kernel.task before the start
+    vTaskDelete                             os.delete                mutexes stay taken, as there
     vTaskDelay                              os.delay
     xTaskDelayUntil                         os.delay_until           keeps the last wake time; also ends a job and begins one
     xTaskAbortDelay                         os.abort_delay
@@ -16,6 +16,8 @@ differs. Everywhere: handles are Python objects, a time-out of None waits for ev
     uxTaskPriorityGet                       os.get_priority
     uxTaskBasePriorityGet                   os.get_base_priority
     xTaskGetTickCount                       os.ticks                 an attribute; os.now and isr.now are CPU cycles
+    pvPortMalloc                            os.allocate              as heap_4 does, if the kernel is given a Heap
+    vPortFree                               os.free
     taskENTER_CRITICAL                      os.enter_critical        interrupts below max_syscall_priority are not held
     taskEXIT_CRITICAL                       os.exit_critical
     vTaskSuspendAll                         os.suspend_all
@@ -58,22 +60,27 @@ os.mark and isr.mark.
 """
 
 from labkit.kernel.costs import Costs
+from labkit.kernel.heap import Heap, Sizes
 from labkit.kernel.kernel import Kernel
 from labkit.kernel.objects import FOREVER
-from labkit.kernel.report import RuntimeStats, TaskList, runtime_stats, task_list
+from labkit.kernel.report import HeapStats, RuntimeStats, TaskList, heap_stats, runtime_stats, task_list
 from labkit.kernel.run import Run, TaskInfo, Wait
 from labkit.kernel.scenario import Scenario, read_scenario, run_scenario, write_events, write_timeline
 
 __all__ = [
     "FOREVER",
     "Costs",
+    "Heap",
+    "HeapStats",
     "Kernel",
     "Run",
     "RuntimeStats",
     "Scenario",
+    "Sizes",
     "TaskInfo",
     "TaskList",
     "Wait",
+    "heap_stats",
     "read_scenario",
     "run_scenario",
     "runtime_stats",

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from labkit.kernel.costs import Costs
 from labkit.kernel.devices import TASKS, Device, Devices
+from labkit.kernel.heap import Heap
 from labkit.kernel.journal import PAGE, Journal
 from labkit.kernel.objects import BLOCKED, FOREVER, READY, Mutex, ReadyLists, Target, Task, enqueue
 from labkit.kernel.services import PRICED, Service
@@ -47,6 +48,7 @@ class Core:
         critical, suspended: depth of critical sections and of suspensions of the scheduler; held: either of them is above 0.
         postponed: tasks woken while the scheduler is suspended that are not ready before it is resumed (rule 32).
         idle, daemon: the idle task; what the timer task works with, if there is one.
+        heap: the memory, if it is counted; ended: tasks that have ended and whose memory the idle task is to give back.
         textbook: mutexes follow the textbook's protocols.
         prices: cycles of the services that cost something.
         log: takes rows (time, kind, task, other, value, extra) of the trace, one or several in a row.
@@ -62,10 +64,12 @@ class Core:
         "daemon",
         "delayed",
         "devices",
+        "ended",
         "entered",
         "every_tick",
         "flagged",
         "handling",
+        "heap",
         "held",
         "idle",
         "isr",
@@ -101,6 +105,8 @@ class Core:
         self.beat, self.flagged, self.entered = 0, False, 0
         self.postponed: list[Task] = []
         self.daemon: Daemon | None = None
+        self.heap: Heap | None = None
+        self.ended: list[Task] = []
         self.ready = ReadyLists(priorities)
         self.delayed: list[tuple[int, int, Task]] = []
         self.devices, self.mask = Devices(), mask

@@ -36,12 +36,14 @@ from labkit.kernel.checks import whole
 from labkit.kernel.core import Core
 from labkit.kernel.costs import Costs
 from labkit.kernel.devices import LOWEST, Device
+from labkit.kernel.heap import POINTER, Heap
 from labkit.kernel.interrupts import Interrupt
 from labkit.kernel.objects import DELETED, FOREVER, Buffer, EventGroup, Mutex, Queue, QueueSet, Semaphore, Task, Timer
 from labkit.kernel.protocols import PROTOCOLS
 from labkit.kernel.requests import MOST_TICKS, Services
 from labkit.kernel.run import Run, TaskInfo, Wait, find_deadlock
 from labkit.kernel.services.jobs import release
+from labkit.kernel.services.memory import give_back_all, heap_of, obtain, obtain_all
 from labkit.kernel.services.timers import Daemon, daemon_body, started_early
 from labkit.trace import Trace
 
@@ -68,6 +70,7 @@ class Kernel:
             the others being lost, or "all" (rule 28).
         timer_priority, timer_queue: priority of the timer task, None for a kernel without timers, and how many commands its
             queue has room for.
+        heap: what tasks and objects are made from; None: memory is not counted.
         max_syscall_priority: interrupts of a priority below this number preempt critical sections and may not call the kernel.
         most_events: a run that makes more ends with a ValueError; a million take 48 MB.
 
@@ -92,6 +95,7 @@ class Kernel:
         timer_priority: int | None = None,
         timer_queue: int = 10,
         max_syscall_priority: int = 5,
+        heap: Heap | None = None,
     ):
         cpu_hz, tick_hz = whole(cpu_hz, 1, "a CPU at", " Hz"), whole(tick_hz, 1, "ticks at", " Hz")
         if cpu_hz % tick_hz:
@@ -113,12 +117,15 @@ class Kernel:
         self._core = Core(
             *(self.tick, priorities, costs, most_events), time_slicing=time_slicing, one_pending=pending_ticks == "one", mask=mask
         )
+        self._core.heap = heap
         self._core.idle = Task(IDLE, -1, 0, 0, None, None)
         self._timer_priority = timer_priority
         if timer_priority is not None:
             self._checked_priority(timer_priority, "the timer task")
             timer_queue = whole(timer_queue, 1, "the timer task's queue has room for", " commands")
             self._core.daemon = Daemon(Queue("timer commands", -1, timer_queue))
+            if heap is not None and obtain(self._core, -1, heap.sizes.queue + timer_queue * heap.sizes.command, -1) is None:
+                raise self._too_little("the timer task's queue")
         self._started = self._busy = False
         self._end = 0  # up to where it has been simulated
         self.os = Services(self, self._core)
@@ -167,7 +174,7 @@ class Kernel:
         if {"freertos", "textbook"} <= families:
             raise ValueError(f"mutex {name!r} of protocol {protocol!r}; FreeRTOS's and the textbook's inheritance do not mix")
         top = 0 if ceiling is None else self._checked_priority(ceiling, f"the ceiling of {name!r}")
-        lock = Mutex(name, self._new(name), PROTOCOLS[protocol], recursive, top, users)
+        lock = Mutex(name, self._made(name), PROTOCOLS[protocol], recursive, top, users)
         self._mutexes.append(lock)
         self._core.textbook = "textbook" in families
         return lock
@@ -180,12 +187,13 @@ class Kernel:
         """A counting semaphore with at most `length` counts, `init` of them at the start."""
         length = whole(length, 1, f"semaphore {name!r} has room for", " counts")
         init = whole(init, 0, f"semaphore {name!r} starts with", f" of {length}", length)
-        return Semaphore(name, self._new(name), init, length)
+        return Semaphore(name, self._made(name), init, length)
 
-    def queue(self, name: str, length: int) -> Queue:
-        """An empty queue with room for `length` items."""
+    def queue(self, name: str, length: int, item: int = 4) -> Queue:
+        """An empty queue with room for `length` items, each of `item` bytes in the heap."""
         length = whole(length, 1, f"queue {name!r} has room for", " items")
-        return Queue(name, self._new(name), length)
+        item = whole(item, 0, f"queue {name!r} has items of", " bytes")
+        return Queue(name, self._made(name, more=length * item), length)
 
     def queue_set(self, name: str, members: Iterable[Queue | Semaphore], length: int | None = None) -> QueueSet:
         """Empty queues and semaphores to wait for together, with room for `length` of what is sent to them (None: all)."""
@@ -196,26 +204,27 @@ class Kernel:
             if member.container is not None:
                 raise ValueError(f"queue set {name!r} has member {member.name!r}, which is in {member.container.name!r}")
         length = sum(member.length for member in members) if length is None else length
-        group = QueueSet(name, self._new(name), whole(length, 1, f"queue set {name!r} has room for", " entries"))
+        length = whole(length, 1, f"queue set {name!r} has room for", " entries")
+        group = QueueSet(name, self._made(name, more=length * POINTER), length)
         for member in members:
             member.container = group
         return group
 
     def event_group(self, name: str) -> EventGroup:
         """24 bits, all 0."""
-        return EventGroup(name, self._new(name))
+        return EventGroup(name, self._made(name, "event_group"))
 
     def stream_buffer(self, name: str, length: int, trigger: int = 1) -> Buffer:
         """An empty buffer of `length` bytes; a reader that waits is woken when there are `trigger` of them."""
         length = whole(length, 1, f"stream buffer {name!r} has room for", " bytes")
         trigger = whole(trigger, 1, f"stream buffer {name!r} has a trigger level of", " bytes", length)
-        return Buffer(name, self._new(name), length, trigger, 0)
+        return Buffer(name, self._made(name, "buffer", length + 1), length, trigger, 0)
 
     def message_buffer(self, name: str, length: int, header: int = 4) -> Buffer:
         """An empty buffer of `length` bytes, of which each message takes `header` beside its own."""
         header = whole(header, 1, f"message buffer {name!r} takes for a message", " bytes more")
         length = whole(length, header + 1, f"message buffer {name!r} has room for", " bytes")
-        return Buffer(name, self._new(name), length, 1, header)
+        return Buffer(name, self._made(name, "buffer", length + 1), length, 1, header)
 
     def timer(
         self, name: str, period: int, callback: Callable[[Services], Any], auto_reload: bool = False, started: bool = False
@@ -227,7 +236,7 @@ class Kernel:
         if self._timer_priority is None:
             raise ValueError(f"timer {name!r}, but there is no timer task; give the kernel a timer_priority")
         period = whole(period, 1, f"timer {name!r} has a period of", " ticks", MOST_TICKS)
-        timer = Timer(name, self._new(name), period, callback, auto_reload)
+        timer = Timer(name, self._made(name, "timer"), period, callback, auto_reload)
         if started:
             self._early.append(timer)
         return timer
@@ -240,16 +249,21 @@ class Kernel:
         deadline: int | None = None,
         stack_free: int | None = None,
         released: bool = False,
+        stack: int | None = None,
     ) -> Task:
         """A task, ready at time 0. `body(os)` is a generator of requests; when it returns, the task ends.
 
-        `deadline`, in cycles after each release, is noted in the trace at every release; `stack_free`, in words, is passed on to
-        the task list. A body that begins with its work is known to have jobs only at its first delay_until; say `released` to
+        `deadline`, in cycles after each release, is noted in the trace at every release. `stack_free`, in words, is what of its
+        `stack` it never uses, the stack's high-water mark in the task list; a heap has room for that stack (None: as much as the
+        idle task has). A body that begins with its work is known to have jobs only at its first delay_until; say `released` to
         have its first job, released at 0, and the deadline of that in the trace even if it never ends or never begins.
         """
         if self._started:
             raise ValueError(f"task {name!r} is created after the start; from then on tasks create others, by os.create")
-        return self._create(name, body, priority, deadline, stack_free, released)
+        task = self._create(name, body, priority, deadline, stack_free, released, stack)
+        if task is None:
+            raise self._too_little(f"task {name!r}")
+        return task
 
     def _create(
         self,
@@ -259,8 +273,10 @@ class Kernel:
         deadline: int | None = None,
         stack_free: int | None = None,
         released: bool = False,
+        stack: int | None = None,
         by: int = -1,
-    ) -> Task:
+    ) -> Task | None:
+        """The task, or None if the heap has no room for it."""
         if deadline is not None:
             deadline = whole(deadline, 1, f"task {name!r} has a deadline of", " cycles after its release")
         self._checked_priority(priority, f"task {name!r}")
@@ -270,6 +286,8 @@ class Kernel:
         if not isinstance(generator, Generator):
             raise ValueError(f"the body of task {name!r} is no generator function; it must yield its requests")
         task = Task(name, code, len(self.tasks) + 1, priority, deadline, stack_free)
+        if not self._gets_memory(task, stack, by):
+            return None
         if before:
             task.job = before.job  # the jobs of one name are counted on
         task.send = generator.send
@@ -277,6 +295,30 @@ class Kernel:
         if released:
             release(self._core, task, self.now)
         return task
+
+    def _gets_memory(self, task: Task, stack: int | None, by: int) -> bool:
+        heap = self._core.heap
+        if heap is None:
+            return True
+        words = heap.sizes.idle_stack if stack is None else whole(stack, 1, f"task {task.name!r} has a stack of", " words")
+        if task.stack_free is not None and task.stack_free > words:
+            raise ValueError(
+                f"task {task.name!r} never uses {task.stack_free} words of a stack of {words}; at most all are allowed"
+            )
+        blocks = obtain_all(self._core, by, (words * heap.sizes.word, heap.sizes.task), task.code)
+        task.blocks = blocks or ()
+        return blocks is not None
+
+    def _made(self, name: str, record: str = "queue", more: int = 0) -> int:
+        """The code of a new object, for which the heap has room: its record, and so many bytes more."""
+        code, heap = self._new(name), self._core.heap
+        if heap is not None and obtain(self._core, -1, getattr(heap.sizes, record) + more, code) is None:
+            raise self._too_little(f"object {name!r}")
+        return code
+
+    def _too_little(self, what: str) -> ValueError:
+        heap = heap_of(self._core)
+        return ValueError(f"{what} does not fit the heap: of {heap.free} free bytes {heap.largest} are in one block")
 
     def _admit(self, task: Task, by: int = -1) -> None:
         self.tasks.append(task)
@@ -373,7 +415,7 @@ class Kernel:
         core = self._core
         core.idle.code, core.idle.number = core.code_of(IDLE), len(self.tasks) + 1
         core.idle.send = idle_body(core, self._idle_should_yield).send
-        self._admit(core.idle)
+        self._own(core.idle, "idle_stack")
         if core.daemon is not None and self._timer_priority is not None:
             for timer in self._early:
                 started_early(core.daemon, timer)
@@ -385,13 +427,22 @@ class Kernel:
     def _create_daemon(self, daemon: Daemon, priority: int) -> Task:
         task = Task(TIMER, self._core.code_of(TIMER), len(self.tasks) + 1, priority, None, None)
         task.send = daemon_body(self._core, daemon)(self.os).send
-        self._admit(task)
+        self._own(task, "timer_stack")
         return task
+
+    def _own(self, task: Task, stack: str) -> None:
+        """A task of the kernel's own joins the others."""
+        heap = self._core.heap
+        if heap is not None and not self._gets_memory(task, getattr(heap.sizes, stack), -1):
+            raise self._too_little(f"task {task.name!r}")
+        self._admit(task)
 
 
 def idle_body(k: Core, should_yield: bool) -> Generator[Any, Any, None]:
     """The idle task: uses the time that is left, and looks for another task of its priority whenever there may be one."""
     while True:
+        while k.ended:
+            give_back_all(k, k.idle.code, k.ended.pop(0))
         if should_yield and len(k.ready.rings[0]) > 2:
             yield _give_way, ()
         else:

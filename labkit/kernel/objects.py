@@ -33,6 +33,7 @@ class Task:
         held: the mutexes it has taken, oldest first (not those of protocol "none").
         notified, noted: values of its notifications, and which are pending; awaits: index of the one it waits for, or -1.
         wants, granted: the bits of an event group it waits for, as (bits, all of them, clear them); what it got, -1: nothing.
+        blocks: addresses of its stack and its record in the heap, if there is one.
         aborted: the wait for an object was cut short by abort_delay, and no service has given up because of it yet.
     """
 
@@ -41,6 +42,7 @@ class Task:
         "alarm",
         "awaits",
         "base",
+        "blocks",
         "code",
         "computed",
         "created",
@@ -87,6 +89,7 @@ class Task:
         self.notified, self.noted, self.awaits = [0] * NOTIFICATIONS, [False] * NOTIFICATIONS, -1
         self.wants, self.granted = (0, False, False), -1
         self.aborted = False
+        self.blocks: tuple[int, ...] = ()
         self.last_wake = 0
         self.computed = self.job = self.due = self.released = self.next_release = -1
 

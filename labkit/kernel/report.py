@@ -12,7 +12,7 @@ from labkit.trace import CODE, overheads, runs
 NAME_WIDTH = 15  # configMAX_TASK_NAME_LEN - 1
 LETTERS = "RBSDX"  # in the order of labkit.trace.kinds.STATES
 PRIORITY_KINDS = ("inherit", "disinherit", "disinherit_timeout", "prio_set")
-SWITCH, READY, SUSPEND, PRIO_SET = (CODE[kind] for kind in ("switch", "ready", "suspend", "prio_set"))
+SWITCH, READY, SUSPEND, DELETE, PRIO_SET = (CODE[kind] for kind in ("switch", "ready", "suspend", "delete", "prio_set"))
 
 
 @dataclass(frozen=True)
@@ -104,11 +104,11 @@ def task_list(run: Run, at: int | None = None) -> TaskList:
     state: dict[int, str] = {}
     priority: dict[int, int] = {}
     running = -1
-    for time, kind, task, other, value, extra in run.trace.rows("switch", "ready", "suspend", *PRIORITY_KINDS).tolist():
+    for time, kind, task, other, value, extra in run.trace.rows("switch", "ready", "suspend", "delete", *PRIORITY_KINDS).tolist():
         if time > at:
             break
-        if kind == SUSPEND:
-            state[other] = "S"
+        if kind in (SUSPEND, DELETE):
+            state[other] = "S" if kind == SUSPEND else "D"
             continue
         if kind == PRIO_SET:
             task, value = other, extra
@@ -120,5 +120,37 @@ def task_list(run: Run, at: int | None = None) -> TaskList:
         priority[task] = value
     state[running] = "X"
     codes = {run.trace.code(info.name): info for info in run.tasks}
-    tasks = [TaskState(info.name, state[code], priority[code], info.stack_free, info.number) for code, info in codes.items()]
+    tasks = [
+        TaskState(info.name, state[code], priority[code], info.stack_free, info.number)
+        for code, info in codes.items()
+        if code in state  # it has been created by then
+    ]
     return TaskList(at, tuple(sorted(tasks, key=lambda task: ("XRBSD".find(task.state) or 1, -task.priority, task.number))))
+
+
+@dataclass(frozen=True)
+class HeapStats:
+    """The heap at cycle `at`: bytes free, the fewest free so far, blocks obtained and given back, requests that failed."""
+
+    at: int
+    free: int
+    least: int
+    obtained: int
+    given_back: int
+    failed: int
+
+
+def heap_stats(run: Run, at: int | None = None) -> HeapStats:
+    """What the real kernel's vPortGetHeapStats counts, at cycle `at` (None: at the end of the run).
+
+    Errors: ValueError for a cycle outside the run, and for a run without a heap.
+    """
+    at = run.trace.end if at is None else at
+    if not run.trace.start <= at <= run.trace.end:
+        raise ValueError(f"cycle {at} is not inside the run {run.trace.start}..{run.trace.end}")
+    rows = run.trace.rows("malloc", "malloc_failed", "free")
+    rows = rows[rows[:, 0] <= at]
+    if not len(rows):
+        raise ValueError("the run has no heap; give the kernel one")
+    counts = (int((rows[:, 1] == CODE[kind]).sum()) for kind in ("malloc", "free", "malloc_failed"))
+    return HeapStats(at, int(rows[-1, 4]), int(rows[:, 4].min()), *counts)

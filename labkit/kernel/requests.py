@@ -10,7 +10,20 @@ from typing import TYPE_CHECKING, Any
 
 from labkit.kernel.checks import whole
 from labkit.kernel.objects import FOREVER, NOTIFICATIONS, Buffer, EventGroup, Mutex, Queue, QueueSet, Semaphore, Task, Timer
-from labkit.kernel.services import buffers, delays, events, jobs, notifications, queues, sections, semaphores, sets, tasks, timers
+from labkit.kernel.services import (
+    buffers,
+    delays,
+    events,
+    jobs,
+    memory,
+    notifications,
+    queues,
+    sections,
+    semaphores,
+    sets,
+    tasks,
+    timers,
+)
 from labkit.trace import NOTIFY_ACTIONS
 
 if TYPE_CHECKING:
@@ -234,12 +247,13 @@ class Services:
         """End a delay or wait of a task early, as if its time were over: True if it was blocked."""
         return delays.abort_delay, (check_kind(Task, task),)
 
-    def create(
-        self, name: str, body: Callable[..., Any], priority: int, deadline: int | None = None, stack_free: int | None = None
-    ) -> Request:
-        """Create a task, as `Kernel.task` does; returns its handle. The name may be that of a task that has ended."""
+    def create(self, name: str, body: Callable[..., Any], priority: int, **how: Any) -> Request:
+        """Create a task, as `Kernel.task` does; returns its handle, or None if there is no memory for it.
+
+        The name may be that of a task that has ended. `how`: deadline, stack_free, stack.
+        """
         by = self._core.running.code
-        return tasks.create, (lambda: self._kernel._create(name, body, priority, deadline, stack_free, by=by),)
+        return tasks.create, (lambda: self._kernel._create(name, body, priority, by=by, **how),)
 
     def delete(self, task: Task | None = None) -> Request:
         """Delete a task (None: the caller). What it holds stays taken."""
@@ -260,6 +274,14 @@ class Services:
     def get_base_priority(self, task: Task | None = None) -> Request:
         """Base priority of a task (None: the caller)."""
         return tasks.get_base_priority, (_or_self(task),)
+
+    def allocate(self, size: int) -> Request:
+        """A block of so many bytes: its address, or None if no free block is large enough."""
+        return memory.allocate, (whole(size, 0, "allocate", " bytes"),)
+
+    def free(self, address: int) -> Request:
+        """Give a block back."""
+        return memory.free, (address,)
 
     def enter_critical(self) -> Request:
         """Hold interrupts, ticks and switches until the matching exit_critical; the caller must not wait in between."""

@@ -5,7 +5,7 @@ import re
 import pytest
 
 import labkit.kernel
-from labkit.kernel import Costs, Kernel
+from labkit.kernel import Costs, Heap, Kernel
 from labkit.kernel.interrupts import Interrupt
 from labkit.kernel.requests import Services
 from labkit.kernel.services import PRICED
@@ -80,6 +80,8 @@ CALLS = {
     "set_priority": lambda os, o: os.set_priority(None, 5),
     "get_priority": lambda os, o: os.get_priority(),
     "get_base_priority": lambda os, o: os.get_base_priority(),
+    "allocate": lambda os, o: os.allocate(10),
+    "free": lambda os, o: os.free(o["block"]),
     "enter_critical": lambda os, o: os.enter_critical(),
     "exit_critical": None,  # needs the one before
     "suspend_all": lambda os, o: os.suspend_all(),
@@ -89,7 +91,8 @@ CALLS = {
 
 @pytest.mark.parametrize("name", [name for name, call in CALLS.items() if call])
 def test_each_service_costs_what_it_is_said_to(name):
-    k = kernel(costs=Costs(service={name: 3}))
+    heap = Heap(8192)
+    k = kernel(costs=Costs(service={name: 3}), heap=heap)
 
     def body(os):
         yield CALLS[name](os, made)
@@ -107,6 +110,7 @@ def test_each_service_costs_what_it_is_said_to(name):
         "stream": k.stream_buffer("stream", 4),
         "timer": k.timer("timer", 50, lambda os: None),
         "body": idle,
+        "block": heap.allocate(10),
     }
     made["set"] = k.queue_set("set", [k.queue("member", 1)])
     made["other"] = k.task("other", idle, 1)

@@ -9,7 +9,20 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from labkit.kernel.services import buffers, delays, events, jobs, notifications, queues, sections, semaphores, sets, tasks, timers
+from labkit.kernel.services import (
+    buffers,
+    delays,
+    events,
+    jobs,
+    memory,
+    notifications,
+    queues,
+    sections,
+    semaphores,
+    sets,
+    tasks,
+    timers,
+)
 
 Service = Callable[..., None]
 
@@ -58,11 +71,25 @@ PRICED: dict[str, Service] = {
     "set_priority": tasks.set_priority,
     "get_priority": tasks.get_priority,
     "get_base_priority": tasks.get_base_priority,
+    "allocate": memory.allocate,
+    "free": memory.free,
     "enter_critical": sections.enter_critical,
     "exit_critical": sections.exit_critical,
     "suspend_all": sections.suspend_all,
     "resume_all": sections.resume_all,
 }
 
-__all__ = ["PRICED", "Service", "buffers", "delays", "events", "jobs", "notifications", "queues", "sections", "semaphores"]
+__all__ = [
+    "PRICED",
+    "Service",
+    "buffers",
+    "delays",
+    "events",
+    "jobs",
+    "memory",
+    "notifications",
+    "queues",
+    "sections",
+    "semaphores",
+]
 __all__ += ["sets", "tasks", "timers"]

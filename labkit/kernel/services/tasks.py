@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from labkit.kernel.objects import DELETED, READY, SUSPENDED, Task
 from labkit.kernel.protocols import settle
 from labkit.kernel.services.jobs import complete, release
+from labkit.kernel.services.memory import give_back_all
 from labkit.trace import CODE
 
 if TYPE_CHECKING:
@@ -16,10 +17,10 @@ if TYPE_CHECKING:
 SUSPEND, RESUME, PRIO_SET, DONE, DELETE = (CODE[k] for k in ("suspend", "resume", "prio_set", "done", "delete"))
 
 
-def create(k: Core, task: Task, make: Callable[[], Task]) -> None:
-    """Rule 55: `make` admits the new task; the caller goes on unless that is above it."""
+def create(k: Core, task: Task, make: Callable[[], Task | None]) -> None:
+    """Rule 55: `make` admits the new task, or has no memory for it; the caller goes on unless that task is above it."""
     created = task.result = make()
-    if created.priority > task.priority:
+    if created is not None and created.priority > task.priority:
         k.reschedule()
 
 
@@ -66,6 +67,12 @@ def _remove(k: Core, task: Task, state: int, what: str) -> None:
         k.leave(task, task.waits_in)
     task.awaits = -1
     task.state = state
+    if state == DELETED and task.blocks:
+        if task is k.running:  # it still needs its stack; the idle task will give that back
+            k.ended.append(task)
+            k.idle.remaining = 0
+        else:
+            give_back_all(k, k.running.code, task)
 
 
 def resume(k: Core, task: Task, target: Task) -> None:
