@@ -27,7 +27,7 @@ class Recorded:
     Attributes:
         history: who ran when.
         report: what its reader found and mended.
-        ran: name -> its time on the CPU in ms, the longest first.
+        ran: name -> its time on the CPU in ms, the longest first, the idle task last.
     """
 
     history: History
@@ -71,8 +71,9 @@ class OwnRecording(Experiment[Recorded]):
         history = History(next(iter(trace.cores().values())))
         found = history.occupancy
         busy = np.diff(found.busy[found.first]) * (1e3 / history.trace.hz)
-        order = [i for i in np.argsort(-busy, kind="stable").tolist() if busy[i] > 0]
-        return Recorded(history, report, {history.trace.names[i]: float(busy[i]) for i in order})
+        busiest = [i for i in np.argsort(-busy, kind="stable").tolist() if busy[i] > 0]
+        ran = {history.trace.names[i]: float(busy[i]) for i in busiest}
+        return Recorded(history, report, dict(sorted(ran.items(), key=lambda item: item[0] == "IDLE")))
 
     def figure(self, result: Recorded) -> dict[str, Any]:
         low, high = sorted((min(self.start, result.length), min(self.end, result.length)))

@@ -10,7 +10,7 @@ from typing_extensions import Doc
 
 from labkit.experiment import Experiment, Feedback, Metric, View
 from labkit.experiments.answers import refused
-from labkit.figures import History, axis, gantt, happening, priorities, stack
+from labkit.figures import History, axis, gantt, happening, stack
 from labkit.kernel import Kernel, Run
 from labkit.scheduler import PeriodicTask, response_times, utilization
 from labkit.trace import jobs
@@ -83,12 +83,10 @@ class ThreeTasks(Experiment[Schedule]):
         return {name: float(times.max()) * 1e3 / run.trace.hz if len(times) else None for name, times in response.items()}
 
     def figure(self, result: Schedule) -> dict[str, Any]:
-        trace = result.run.trace
-        history = History(trace)
+        history = History(result.run.trace)
         return stack(
             gantt(history, tuple(PRIORITY), 0, SHOWN, title=f"The first {SHOWN} ms"),
-            priorities(trace, PRIORITY, height=1.4),
-            height=360,
+            height=320,
             shared=axis("time [ms]", range=[0, SHOWN]),
             keys=("ready", "release", "deadline", "missed"),
             at=self.at,

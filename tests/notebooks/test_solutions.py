@@ -10,7 +10,13 @@ import pytest
 from labkit.experiment import Feedback
 
 NOTEBOOKS = Path(__file__).parents[2] / "notebooks"
-CHECKED = ("04_trace_sink.ipynb", "05_tick_rates.ipynb", "06_micro_ros_vs_freertos.ipynb")
+CHECKED = (
+    "00_start_here.ipynb",
+    "01_priority_inversion.ipynb",
+    "04_trace_sink.ipynb",
+    "05_tick_rates.ipynb",
+    "06_micro_ros_vs_freertos.ipynb",
+)
 
 
 def exercises(name):
