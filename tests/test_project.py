@@ -39,9 +39,10 @@ FLOOR = {
     "figures": 4,
     "experiments": 5,
     "bench": 6,
-    "commands": 7,
-    "__main__": 8,
-    "labkit": 9,  # the package's own __init__, which names everything and imports it when asked
+    "pages": 7,
+    "commands": 8,
+    "__main__": 9,
+    "labkit": 10,  # the package's own __init__, which names everything and imports it when asked
 }
 MODELS = ["scheduler", "cache", "sink", "fusion", "network", "kernel", "phases", "robot"]
 #: Standing on the ground: the contract knows no other part, and models know nothing of experiments.
@@ -53,6 +54,7 @@ BROUGHT_BY = {
     "IPython": "ipywidgets",
     "annotated_types": "annotated-types",
     "jupyter_server": "jupyter-server",
+    "nbconvert": "jupyterlab",
     "typing_extensions": "typing-extensions",
 }
 HEAVY = {"pandas", "scipy", "plotly", "ipywidgets", "filterpy", "matplotlib", "IPython"}

@@ -10,13 +10,13 @@ import sys
 from collections.abc import Callable
 from typing import Any, NoReturn
 
-from labkit.commands import experiments, fusion, models, recordings, sink
+from labkit.commands import experiments, fusion, models, pages, recordings, sink
 from labkit.outside import one_line
 
 __all__ = ["parser"]
 
 #: The groups in the order of `labkit --help`.
-GROUPS = (experiments, recordings, models, sink, fusion)
+GROUPS = (experiments, pages, recordings, models, sink, fusion)
 
 #: What each reader takes at most; more is refused with a sentence that says so.
 LIMITS = """\
