@@ -75,6 +75,7 @@ class Tracker:
     Attributes:
         tracks: all that are followed, confirmed or not.
         ended: those that were dropped.
+        predictions: how many there were, the work done so far.
     """
 
     def __init__(
@@ -114,22 +115,25 @@ class Tracker:
                 self._associate(group, [look[i] for i in free], free, chosen)
         served = [(m, track) for m, track in zip(look, chosen) if track]
         taken = [self._left_over(m, served) if track is None else track for m, track in zip(look, chosen)]
-        known = set(map(id, self.tracks))
         for measurement, track in zip(look, taken):
-            nis = None
-            if id(track) in known:
-                nis = squared_distance(track.filter.forecast(time), measurement)
-                track.filter = track.filter.update(measurement)
-            else:
-                known.add(id(track))
-                self.tracks.append(track)
-            track.steps.append(Step(measurement, track.filter.row(), nis))
-            if not track._looks or track._looks[-1] != self._look:
-                track._looks.append(self._look)
+            self._give(track, measurement)
         if len(self.tracks) > MOST_TRACKS:
-            raise ValueError(f"more than {MOST_TRACKS} tracks at {time:g} s, the most that are followed at once")
+            advice = "do sigma, q and speeds up to about 7 m/s fit?"
+            raise ValueError(f"more than {MOST_TRACKS} tracks at {time:g} s, the most that are followed; {advice}")
         self._end_overtaken()
         return taken
+
+    def _give(self, track: Track, measurement: Measurement) -> None:
+        """Let a track have a measurement; one that is new has begun with it."""
+        nis = None
+        if track.steps:
+            nis = squared_distance(track.filter.forecast(self._time), measurement)
+            track.filter = track.filter.update(measurement)
+        else:
+            self.tracks.append(track)
+        track.steps.append(Step(measurement, track.filter.row(), nis))
+        if not track._looks or track._looks[-1] != self._look:
+            track._looks.append(self._look)
 
     def _associate(self, group: list[Track], look: list[Measurement], free: list[int], chosen: list[Track | None]) -> None:
         found = pairs([track.filter.forecast(self._time) for track in group], look)
