@@ -207,7 +207,6 @@ class AccessPoint:
         if (
             offer is not None
             and offer.number > taken[source][0]
-            and slot - offer.slot <= group.offered
             and not any(entry.packet.source == source and entry.verdict is None for entry in entries)
         ):
             taken = _put(taken, source, (offer.number, self.next))

@@ -56,6 +56,7 @@ class Played:
     def receive(self, i: int, slot: int, said) -> None:
         was = self.stations[i]
         self.stations[i], news = was.receive(said)
+        assert self.stations[i].next >= was.next, "what is settled stays settled"
         for packet in news:
             assert packet.load == bytes([packet.source, packet.number % 256])
             age = (
