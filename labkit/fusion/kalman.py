@@ -105,7 +105,7 @@ def _start_ca(z: Any, r: Any) -> State:
 def _predict_ca(state: State, dt: Any, q: Any) -> State:
     p, v, w, a, b, c, d, e, f = state
     h = dt * dt / 2
-    e1, c1 = e + dt * f, c + dt * e + h * f  # the last column of A P; then the rows of (A P) A' from below
+    e1, c1 = e + dt * f, c + dt * e + h * f  # A P A', written out: f stays
     d1 = d + 2 * dt * e + dt * dt * f
     b1 = b + dt * (d + c) + (dt * dt + h) * e + h * dt * f
     a1 = a + 2 * dt * b + 2 * h * c + dt * dt * d + 2 * dt * h * e + h * h * f
@@ -131,7 +131,7 @@ def _update_ca(state: State, z: Any, r: Any) -> State:
     return p + k * y, v + m * y, w + n * y, k * r, m * r, n * r, d - m * b, e - m * c, f - n * c
 
 
-class Motion(NamedTuple):
+class ProcessModel(NamedTuple):
     """A process model as the fast path knows it.
 
     Attributes:
@@ -148,10 +148,10 @@ class Motion(NamedTuple):
     update: Callable[[State, Any, Any], State]
 
 
-MOTIONS: dict[str, Motion] = {
-    "cp": Motion("constant position", 1, _start_cp, _predict_cp, _update_cp),
-    "cv": Motion("constant velocity", 2, _start_cv, _predict_cv, _update_cv),
-    "ca": Motion("constant acceleration", 3, _start_ca, _predict_ca, _update_ca),
+MOTIONS: dict[str, ProcessModel] = {
+    "cp": ProcessModel("constant position", 1, _start_cp, _predict_cp, _update_cp),
+    "cv": ProcessModel("constant velocity", 2, _start_cv, _predict_cv, _update_cv),
+    "ca": ProcessModel("constant acceleration", 3, _start_ca, _predict_ca, _update_ca),
 }
 
 
