@@ -1,6 +1,7 @@
-"""Order of the one test session: fast tests, then notebooks, then the browser.
+"""The one test session: its order, and what several processes may share of it.
 
-Browser tests come last because Playwright keeps an event loop in this thread, in which nothing else can start one.
+Alone, fast tests come first, then notebooks, then the browser. `make test` has a process per core: all browser tests run in one of
+them (two JupyterLabs and two Chromiums would wait for each other), the cells of a notebook stay together, the rest goes anywhere.
 """
 
 import os
@@ -15,3 +16,17 @@ if "CI" not in os.environ:  # there hypothesis chooses its own settings: the sam
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     items.sort(key=lambda item: 2 if item.get_closest_marker("browser") else item.path.suffix == ".ipynb")
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: object) -> object:
+    from xdist.scheduler import LoadScopeScheduling
+
+    class Together(LoadScopeScheduling):
+        """The largest group goes out first, which is the browser's."""
+
+        def _split_scope(self, nodeid: str) -> str:
+            file = nodeid.split("::")[0]
+            return "browser" if file.startswith("tests/browser/") else file if file.endswith(".ipynb") else nodeid
+
+    return Together(config, log)

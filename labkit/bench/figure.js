@@ -31,6 +31,12 @@ const ghosts = (data, layout) => data
         ...trace, opacity: 0.3, showlegend: false, hoverinfo: "skip", hovertemplate: undefined, mode: trace.mode?.replace("+text", ""),
     }));
 
+// Axes whose range is another one than before, in words; those that the reader zooms do not count.
+const moved = (before, after) => (after.meta?.range ? [] : Object.keys(after))
+    .filter((name) => /^[xy]axis/.test(name) && after[name].range && before[name]?.range && !after[name].ticktext
+        && before[name].title?.text === after[name].title?.text && String(before[name].range) !== String(after[name].range))
+    .map((name) => `${after[name].title?.text || "axis"} now from ${after[name].range.map((end) => +end.toPrecision(4)).join(" to ")}`);
+
 const sleep = (ms) => new Promise((resolve) => setTimeout(resolve, ms));
 
 // plotly's code comes once per page, from whichever bench asks first; should its kernel die meanwhile, another one asks.

@@ -30,6 +30,7 @@ const render = ({ model, el }) => {
     const says = make("p", "lab-says", el, { hidden: true });
     const picture = make("div", "lab-picture", el);
     const canvas = make("div", "", picture);
+    const news = make("div", "lab-news", el, { role: "status" });
     const code = make("code", "lab-code", el, { title: "copy this line to make the same bench again" });
     const pinnedCode = make("code", "lab-pinned-code", el, { hidden: true });
     const idle = make("p", "lab-idle", el, { hidden: true });
@@ -167,7 +168,9 @@ const render = ({ model, el }) => {
         if (message.kind !== "show") return;
         asked = false;
         arrived = true;
-        shown = { ...message, figure: unpack(message.figure, buffers) };
+        const figure = unpack(message.figure, buffers);
+        put(news, shown ? moved(shown.figure.layout, figure.layout).join(", ") : "");
+        shown = { ...message, figure };
         put(code, message.code);
         write();
         draw();

@@ -115,7 +115,7 @@ def chromium_path() -> str | None:
     return named or next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="package")  # Playwright keeps an event loop in this thread, in which nothing else could start one
 def chromium() -> Iterator[Browser]:
     path = chromium_path()
     if path is None:
@@ -126,7 +126,7 @@ def chromium() -> Iterator[Browser]:
         browser.close()
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="package")
 def lab(chromium: Browser, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Lab]:
     """JupyterLab on 127.0.0.1 with a home folder of its own, serving a copy of the notebooks."""
     home = tmp_path_factory.mktemp("lab")

@@ -34,8 +34,9 @@ class Rolling(Experiment[int]):
     def figure(self, result):
         line = {"type": "scatter", "x": [0, 100], "y": [0, result], "mode": "lines"}
         axis = {"range": [self.first, self.last], "title": {"text": "time [ms]"}}
-        meta = {"range": ("first", "last"), "says": f"step {self.step}"}
-        return {"data": [line], "layout": {"xaxis": axis, "height": 300, "meta": meta}}
+        height = {"range": [0, result], "title": {"text": "load"}}
+        meta = {"says": f"step {self.step}"} | ({"range": ("first", "last")} if self.level == 1 else {})
+        return {"data": [line], "layout": {"xaxis": axis, "yaxis": height, "height": 300, "meta": meta}}
 
     def metrics(self, result):
         return [Metric("level", result, "<b>bar</b>")]
@@ -131,6 +132,7 @@ def test_a_pinned_result_stays_behind_the_live_one(bench_of):
     code(bench, "Rolling(level=2)")
     nb.page.wait_for_function("document.querySelector('.lab-picture').dataset.drawn === 'Rolling(level=2)'")
     assert nb.figure().evaluate(lines) == [[0.3, [0, 1]], [1, [0, 2]]]
+    expect(bench.locator(".lab-news")).to_have_text("load now from 0 to 2")
     expect(bench.locator(".lab-metric").first).to_contain_text("2 <b>bar</b>level · was 1 <b>bar</b>")
     expect(bench.locator(".lab-pinned-code")).to_have_text("pinned: Rolling()")
     bench.locator(".lab-pin").click()
