@@ -26,6 +26,13 @@ def _replay(args: argparse.Namespace) -> None:
         print(f"deadlock: {wait}")
 
 
+def _firmware(args: argparse.Namespace) -> None:
+    from labkit.kernel import read_scenario, write_firmware
+
+    for path in write_firmware(read_scenario(args.scenario), args.out, args.cpu_hz, args.tick_hz):
+        print(path)
+
+
 def _schedule(args: argparse.Namespace) -> None:
     from labkit.scheduler import schedule, write_schedule
 
@@ -82,6 +89,11 @@ def add_to(add: Add) -> None:
     c.add_argument("scenario", metavar="SCENARIO.json")
     c.add_argument("--timeline", metavar="T.csv", help="who consumed each tick: start,end,task")
     c.add_argument("--events", metavar="E.csv", help="every kernel event: tick,event,task,detail")
+    c = add("firmware", _firmware, "write a kernel scenario as a small FreeRTOS application in C")
+    c.add_argument("scenario", metavar="SCENARIO.json")
+    c.add_argument("--out", required=True, metavar="DIR", help="folder for main.c, FreeRTOSConfig.h and board.c")
+    c.add_argument("--cpu-hz", type=int, default=216_000_000, metavar="N", help="CPU cycles per second (default: %(default)s)")
+    c.add_argument("--tick-hz", type=int, default=1000, metavar="N", help="ticks per second (default: %(default)s)")
     c = add("schedule", _schedule, "schedule a set of periodic tasks and print as JSON whether its acceptance test takes it")
     c.add_argument(
         "tasks",

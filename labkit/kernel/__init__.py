@@ -60,6 +60,7 @@ os.mark and isr.mark.
 """
 
 from labkit.kernel.costs import Costs
+from labkit.kernel.firmware import firmware, write_firmware
 from labkit.kernel.heap import Heap, Sizes
 from labkit.kernel.kernel import Kernel
 from labkit.kernel.objects import FOREVER
@@ -80,11 +81,13 @@ __all__ = [
     "TaskInfo",
     "TaskList",
     "Wait",
+    "firmware",
     "heap_stats",
     "read_scenario",
     "run_scenario",
     "runtime_stats",
     "task_list",
     "write_events",
+    "write_firmware",
     "write_timeline",
 ]

@@ -201,6 +201,8 @@ class Kernel:
         for member in members:
             if not isinstance(member, Queue | Semaphore):
                 raise ValueError(f"queue set {name!r} has member {member!r}; queues and semaphores are allowed")
+            if member.count if isinstance(member, Semaphore) else member.items:
+                raise ValueError(f"queue set {name!r} has member {member.name!r}, which is not empty")
             if member.container is not None:
                 raise ValueError(f"queue set {name!r} has member {member.name!r}, which is in {member.container.name!r}")
         length = sum(member.length for member in members) if length is None else length
