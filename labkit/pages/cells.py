@@ -79,7 +79,7 @@ def _words(widget: Any) -> Iterator[str]:
     """The text and the choices of a widget and those inside it."""
     if isinstance(options := getattr(widget, "options", None), list | tuple):
         yield "<ul>" + "".join(f"<li>{html.escape(str(option))}</li>" for option in options) + "</ul>"
-    elif type(widget).__name__ == "HTML" and widget.value:
+    elif type(widget).__name__ == "HTML" and "<" in widget.value:  # else it is the unit beside a field
         yield str(widget.value)
     for child in getattr(widget, "children", ()):
         yield from _words(child)
