@@ -56,6 +56,7 @@ MODULES: dict[str, str] = {
     "OneLoss": "group_patterns",
     "LossPatterns": "group_patterns",
     "OmissionDegrees": "group_communication",
+    "DistributedFusion": "distributed_fusion",
     "LaserPipeline": "laser_pipeline",
     "CircleFits": "circle_fits",
     "AnytimeStages": "laser_anytime",

@@ -5,6 +5,7 @@ from labkit.network.clocks import MOST_PPM, Clock
 from labkit.network.fragments import MOST_BYTES, Message, Reassembly, fragment_count, fragments
 from labkit.network.groups import DELIVERIES, AccessPoint, Broadcast, Delivery, Group, Offer, Packet, Station, reaches_all
 from labkit.network.loss import GilbertElliott, Independent, Loss, Scripted
+from labkit.network.mail import GroupMail
 from labkit.network.periods import CORRECTIONS, Correction, Plan, Starts, centred, largest_shift, period_starts, start_at
 from labkit.network.polling import BYTE_NS, FRAME_NS, WAYS, Way, converse
 from labkit.network.radio import Counts, Radio, at
@@ -34,6 +35,7 @@ __all__ = [
     "Found",
     "GilbertElliott",
     "Group",
+    "GroupMail",
     "Independent",
     "Indication",
     "Loss",

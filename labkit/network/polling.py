@@ -27,7 +27,7 @@ from labkit.network.groups import AccessPoint, Group, Offer, Packet, Station
 from labkit.network.loss import Independent, Loss
 from labkit.network.radio import Radio
 from labkit.network.report import Conversation
-from labkit.network.talk import Hall, Reciprocal, Steps, Talk
+from labkit.network.talk import Desk, Hall, Reciprocal, Steps, Talk
 
 Way = Literal["plain", "acknowledged", "at once", "agreed"]
 WAYS: dict[Way, str] = {
@@ -73,7 +73,7 @@ def converse(
     on, off = _slots(late or {}, stations), _slots(silent or {}, stations)
     radio = Radio(simpy.Environment(), Reciprocal(loss or Independent()), 0, 0, BYTE_NS, FRAME_NS, seed)
     hall, talk = Hall(stations, radio), Talk(stations, size, rounds * stations, on, off)
-    polls = _Group(group, hall, talk) if way in ("at once", "agreed") else _Simple(group, hall, talk, way == "acknowledged")
+    polls = GroupOnAir(group, hall, talk) if way in ("at once", "agreed") else _Simple(group, hall, talk, way == "acknowledged")
     load, count = min(MOST_BYTES, size + HEADER.size), fragment_count(size)
     slot_ns = max(-(-round_ns // stations), polls.slot_ns(load))
     spent = (0, 0)
@@ -118,14 +118,14 @@ def _slots(rounds: Mapping[int, int], stations: int) -> dict[int, int]:
     }
 
 
-class _Group:
+class GroupOnAir:
     """The access point and the stations of `labkit.network.groups`, on the radio.
 
     Attributes:
         left: how often a station left the group.
     """
 
-    def __init__(self, group: Group, hall: Hall, talk: Talk):
+    def __init__(self, group: Group, hall: Hall, talk: Desk):
         self.group, self.hall, self.talk, self.left = group, hall, talk, 0
         self.point = AccessPoint.begin(group, tuple(talk.late))
         self.stations = [Station(group, i, i not in talk.late) for i in range(group.stations)]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Generator, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import simpy
@@ -70,6 +70,35 @@ class Hall:
         if not (yield from self.say(self.access_point, poll, frozenset({station}))):
             return False
         return bool((yield from self.say(station, answer, frozenset({self.access_point}))))
+
+
+class Desk(Protocol):
+    """Where the packets of all stations come from and go to."""
+
+    @property
+    def late(self) -> Mapping[int, int]:
+        """Station -> slot from which on it is switched on."""
+        ...
+
+    def on(self, station: int, slot: int) -> bool:
+        """Whether the station is switched on."""
+        ...
+
+    def next_packet(self, station: int, slot: int, now: int) -> bytes | None:
+        """What the station sends next, None for nothing."""
+        ...
+
+    def taken(self, source: int, order: int) -> None:
+        """A packet of this source has got its place in the common order."""
+        ...
+
+    def give_up(self, station: int) -> None:
+        """The station does not send the rest of its message."""
+        ...
+
+    def deliver(self, station: int, packet: Packet, now: int) -> None:
+        """A station takes a packet over."""
+        ...
 
 
 @dataclass

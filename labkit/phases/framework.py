@@ -27,7 +27,7 @@ Rules, from the source unless marked *:
 - * Main functions are run in zero real time; a step whose time has not passed at the abort is not seen by anybody, so a main
   function must give its results by yielding and not by writing them elsewhere. The generator is closed at the abort.
 
-Source: diploma thesis on multi-stage sensor fusion (Univ. Magdeburg), section 6.1. The parts for several stations are not here.
+Source: diploma thesis on multi-stage sensor fusion (Univ. Magdeburg), section 6.1. For several stations: `distributed`.
 """
 
 from __future__ import annotations
@@ -157,15 +157,25 @@ class Organiser:
             raise ValueError("the organiser is not running; start it first")
         before = len(self.activations)
         for data in inputs:
-            first = 0
-            for unit, window in zip(self.units, self.windows, strict=True):
-                unit._output = None
-                if data is not None:
-                    self._activate(unit, window, first, data)
-                data = unit._output[0] if unit._output is not None else None
-                first += len(unit.parts)
-            self.periods += 1
+            for index in range(len(self.units)):
+                data = self.run_unit(index, data)
+            self.end_period()
         return self.activations[before:]
+
+    def run_unit(self, index: int, data: Any) -> Any:
+        """Run one unit of the chain in its window of this period, for whoever has something to do between two of them.
+
+        Returns what it makes available, None if that is nothing; it is not activated if `data` is None.
+        """
+        unit = self.units[index]
+        unit._output = None
+        if data is not None:
+            self._activate(unit, self.windows[index], sum(len(before.parts) for before in self.units[:index]), data)
+        return unit._output[0] if unit._output is not None else None
+
+    def end_period(self) -> None:
+        """All units of this period have run."""
+        self.periods += 1
 
     def stop(self) -> None:
         """Stop; the record stays."""
