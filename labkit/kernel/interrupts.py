@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 from labkit.kernel.checks import whole
 from labkit.kernel.devices import LOWEST
 from labkit.kernel.objects import FOREVER, Buffer, EventGroup, Queue, Semaphore, Task, Timer
-from labkit.kernel.requests import check_action, check_bits, check_index, check_kind, check_value
+from labkit.kernel.requests import MOST_TICKS, check_action, check_bits, check_index, check_kind, check_value
 from labkit.kernel.services import PRICED, buffers, notifications, queues, semaphores, tasks, timers
 from labkit.kernel.services.queues import stamp
 from labkit.trace import CODE, ISR_OPS, OVERHEADS
@@ -121,7 +121,7 @@ class Interrupt:
 
     def timer_change_period(self, timer: Timer, period: int) -> bool:
         """Ask the timer task to start a timer with another period, counting from when the task does so."""
-        period = whole(period, 1, "a timer's period of", " ticks")
+        period = whole(period, 1, "a timer's period of", " ticks", MOST_TICKS)
         return self._command("timer_change_period", timers.CHANGE_PERIOD, check_kind(Timer, timer), period)
 
     def mark(self, value: int = 0, extra: int = 0) -> None:

@@ -32,7 +32,7 @@ from labkit.fusion import (
     track,
     write_estimates,
 )
-from labkit.kernel import Kernel, read_scenario, run_scenario, write_events, write_timeline
+from labkit.kernel import Kernel, firmware, read_scenario, run_scenario, task_list, write_events, write_timeline
 from labkit.outside import read_json
 from labkit.phases import read_chain, windows
 from labkit.scheduler import fitted, schedule, write_schedule
@@ -175,6 +175,16 @@ def take_scenario(path):
     write_timeline(run, io.StringIO())
 
 
+def take_services(path):
+    """It runs, and becomes an application, or says why not."""
+    scenario = read_scenario(path)
+    firmware(scenario)
+    run = run_scenario(scenario)
+    write_events(run, io.StringIO())
+    write_timeline(run, io.StringIO())
+    task_list(run)
+
+
 def take_tasks(path):
     for policy in ("rm", "taft"):
         verdict, trace = schedule(read_json(path), policy, 40)
@@ -201,6 +211,11 @@ def take_scans(path):
 
 FRAMES = "\n".join([encode_frame(1, -2, 0.5).hex(), encode_frame(0, 1e-300, 9).hex(" "), "00ff", ""]).encode()
 SCENARIOS = ("02_inversion_mutex.json", "07e_send_front_order.json", "08c_notify_timeout_and_task_give.json")
+SERVICES = (
+    *("m09_mixed.json", "m05_mixed.json", "m06_mixed.json", "m15_mixed.json", "19b_critical_loses_ticks.json"),
+    *("20j_pended_function_call.json", "22d_sync_rendezvous.json", "23d_delete_self_and_recreate.json", "25a_queue_set.json"),
+    *("26b_send_blocks_for_all.json", "26c_message_buffer.json", "24f_last_wake_in_the_future.json"),
+)
 POSITIONS = b"t_s,x_m,y_m,station,size\n0,0.1,0.2,A,1\n0.16,0.15,0.2,B,1\n0.33,0.2,0.2,A,1\n0.33,4,-2,A,1\n-0.17,0.1,0.2,B,1\n"
 
 
@@ -223,6 +238,7 @@ READERS = {
     ),
     "csv trace": (damage.damaged, csv_traces, lambda path: statistics(read_csv(path))),
     "scenario": (damage.damaged_json, lambda: read(ORACLE / "freertos", *SCENARIOS), take_scenario),
+    "services": (damage.damaged_json, lambda: read(ORACLE / "freertos2", *SERVICES), take_services),
     "tasks": (damage.damaged_json, lambda: [json.dumps(TASKS).encode()], take_tasks),
     "chain": (damage.damaged, lambda: [CHAIN.encode()], lambda path: windows(read_chain(path), 50_000_000)),
     "npz trace": (damage.damaged_npz, npz_traces, lambda path: statistics(read_npz(path))),
@@ -284,6 +300,7 @@ COMMANDS = {
         ["trace", "linux.txt", "--fit", "fit.json", "--core", "0"],
     ],
     "replay": [["replay", "scenario.json", "--timeline", "t.csv", "--events", "e.csv"], ["replay", "scenario.json"]],
+    "firmware": [["firmware", "scenario.json", "--out", "board", "--cpu-hz", "72000000", "--tick-hz", "500"]],
     "schedule": [["schedule", "tasks.json", "--policy", p, "--until", "35", "--trace", "out.csv"] for p in ("rm", "edf", "taft")],
     "cache": [
         ["cache", "data.npz", "--size", "4096", "--ways", "2", "--line", "16", "--policy", "plru", "--seed", "3", "--json"]

@@ -150,8 +150,13 @@ class Play:
         return k.counting(spec.name, spec.length, spec.init)
 
     def _handle(self, name: Any) -> Any:
-        """The object or task of that name; None for a task that does not exist. What is no name stays."""
-        return self.objects.get(name) or self.kernel.named.get(name) if isinstance(name, str) else name
+        """The object or task of that name; ValueError for a task that has never been created. What is no name stays."""
+        if not isinstance(name, str):
+            return name
+        found = self.objects.get(name) or self.kernel.named.get(name)
+        if found is None:
+            raise ValueError(f"task {name!r} has not been created yet; only a task that exists can be named")
+        return found
 
     def _handler(self, spec: InterruptSpec) -> Callable[[Any], Any]:
         op = {"recv": "receive", "stream_send": "buffer_send", "message_send": "buffer_send"}.get(spec.op, spec.op)
