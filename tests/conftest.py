@@ -1,7 +1,8 @@
 """The one test session: its order, and what several processes may share of it.
 
-Alone, fast tests come first, then notebooks, then the browser. `make test` has a process per core: all browser tests run in one of
-them (two JupyterLabs and two Chromiums would wait for each other), the cells of a notebook stay together, the rest goes anywhere.
+Alone, fast tests come first, then notebooks, then the browser. `make test` has a process per core: all browser tests run in one
+of them (two JupyterLabs and two Chromiums would wait for each other), the cells of a notebook stay together, the rest goes
+anywhere.
 """
 
 import os
