@@ -11,7 +11,7 @@ from typing_extensions import Doc
 
 from labkit.experiment import Experiment, Metric, View
 from labkit.experiments.laser_pipeline import Noise, Rotations
-from labkit.figures import BLUE, GREEN, INK, VERMILION, Curve, axis, curves, dots, drawn, from_above, stack, there
+from labkit.figures import BLUE, GREEN, INK, VERMILION, Curve, axis, curves, dots, drawn, enlarged, from_above, stack, there
 from labkit.figures import circle as ring
 from labkit.fusion import BALL_RADIUS, kasa, known_radius, taubin
 
@@ -63,14 +63,16 @@ class CircleFits(Experiment[Fits]):
     def figure(self, result: Fits) -> dict[str, Any]:
         at = self.place()
         x, found = DISTANCES[at], result.circles[at]
+        (ball,) = enlarged([result.balls[at]], x, 0.0)
         circles = [
-            drawn(name, [ring(*found[name])] if name in found else [], colour, 3, showlegend=False)
+            drawn(name, enlarged([ring(*found[name])] if name in found else [], x, 0.0), colour, 3, showlegend=False)
             for name, colour in FITS.items()
         ]
         one = from_above(
-            [there([ring(x, 0.0, BALL_RADIUS)]), *circles, dots("points", result.balls[at], INK, 8, showlegend=False)],
-            (x - 0.19, x + 0.19),
-            (-0.19, 0.19),
+            [there(enlarged([ring(x, 0.0, BALL_RADIUS)], x, 0.0)), *circles, dots("points", ball, INK, 8, showlegend=False)],
+            (-19, 19),
+            (-19, 19),
+            unit="cm",
             title=f"a ball at {DISTANCES[at]:g} m",
             caption="seen from the left",
         )

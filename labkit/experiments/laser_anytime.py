@@ -153,9 +153,9 @@ class AnytimeStages(Experiment[Aborted]):
             [
                 there(outlines(result.world, chain.points.time_ns, without=("A",))),
                 dots("points", chain.points.xy, INK, 3, showlegend=False),
+                drawn("elements", element_lines(known), STAGES["elements"], 3, showlegend=False),
                 drawn("edges", edge_lines(chain.contours.edges), GREEN),
                 drawn("arcs", arc_lines(chain.contours.arcs), VERMILION),
-                drawn("elements", element_lines(known), STAGES["elements"], 3, showlegend=False),
                 scanners("A", [HERE[:2]], [INK]),
             ],
             (-0.3, LENGTH + 0.3),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
@@ -24,6 +25,7 @@ from labkit.figures import (
     drawn,
     edge_lines,
     element_lines,
+    enlarged,
     from_above,
     outlines,
     polygon_lines,
@@ -59,7 +61,7 @@ from labkit.fusion import (
 LENGTH, WIDTH = 8.0, 5.0  # m, of the field
 HERE = Pose(0.5, 2.5)  # where scanner A stands
 SIDEWAYS = 0.30  # m that the ball lies left of the scanner's axis
-AROUND = 0.32  # m shown on each side of the ball
+AROUND = 32  # cm shown on each side of the ball's first place
 
 Rotations = Annotated[
     Literal[1, 2, 4],
@@ -111,7 +113,7 @@ class Seen:
 class LaserPipeline(Experiment[Seen]):
     """How do 361 distances become a ball, robots and a border?
 
-    Scanner A looks along the field. Step through the four formats with *stage*; the picture on the right follows the ball.
+    Scanner A looks along the field. Step through the four formats with *stage*; the picture on the right shows the ball.
     """
 
     stage: Annotated[Stage, View(), Doc("the format that is drawn")] = "points"
@@ -143,16 +145,16 @@ class LaserPipeline(Experiment[Seen]):
 
     def figure(self, result: Seen) -> dict[str, Any]:
         chain, world = result.chain, result.world
-        straight, rounded, others = layers(chain, self.stage)
+        lines = layers(chain, self.stage)
         pale = self.stage != "points"
-        x, y = result.ball()
+        x, y = HERE.x + self.distance, HERE.y + SIDEWAYS
         scene = outlines(world, result.time_ns, without=("A",))
-        xy, odd = chain.points.xy, result.rotation % 2 == 1
+        (xy,), odd = enlarged([chain.points.xy], x, y), result.rotation % 2 == 1
         whole = from_above(
             [
                 there(scene),
-                dots("points", xy, INK, 3 if pale else 5, showlegend=False),
-                *shapes(straight, rounded, others),
+                dots("points", chain.points.xy, INK, 3 if pale else 5, showlegend=False),
+                *shapes(lines),
                 scanners("A", [HERE[:2]], [INK]),
             ],
             (-0.3, LENGTH + 0.3),
@@ -163,15 +165,17 @@ class LaserPipeline(Experiment[Seen]):
         )
         beside = from_above(
             [
-                there(scene, legend=False),
+                there(enlarged(scene, x, y), legend=False),
                 dots("odd rotations", xy[~odd], BLUE, 9),
                 dots("even rotations", xy[odd], ORANGE, 9),
-                *shapes(straight, rounded, others, legend=False),
+                *shapes([enlarged(some, x, y) for some in lines], legend=False),
             ],
-            (x - AROUND, x + AROUND),
-            (y - AROUND, y + AROUND),
+            (-AROUND, AROUND),
+            (-AROUND, AROUND),
             place=2,
+            unit="cm",
             title="the ball",
+            caption="from its first place",
         )
         return stack([whole, beside], height=470)
 
@@ -217,10 +221,9 @@ def layers(chain: Chain, stage: str) -> tuple[list[np.ndarray], list[np.ndarray]
     return [], [], []
 
 
-def shapes(
-    straight: list[np.ndarray], rounded: list[np.ndarray], others: list[np.ndarray], legend: bool = True
-) -> list[dict[str, Any]]:
+def shapes(lines: Sequence[list[np.ndarray]], legend: bool = True) -> list[dict[str, Any]]:
     """The three layers as traces."""
+    straight, rounded, others = lines
     corner: dict[str, Any] = {"mode": "lines+markers", "marker": {"size": 9, "symbol": "circle-open", "line": {"width": 2}}}
     return [
         drawn("straight", straight, GREEN, showlegend=legend, **corner),

@@ -70,6 +70,11 @@ def element_lines(elements: Iterable[Element]) -> Lines:
     return made
 
 
+def enlarged(lines: Lines, x: float, y: float) -> Lines:
+    """The same in cm from the point (x, y), to look at something closely."""
+    return [100 * (line - np.array([x, y])) for line in lines]
+
+
 def drawn(name: str, lines: Lines, colour: str, width: int = 4, dash: str = "solid", **more: Any) -> Spec:
     """Lines as one trace; `more` are other attributes of plotly's."""
     gap = np.full((1, 2), np.nan)
@@ -109,13 +114,16 @@ def scanners(names: Sequence[str], places: Sequence[tuple[float, float]], colour
     }
 
 
-def from_above(traces: Sequence[Spec], x: tuple[float, float], y: tuple[float, float], place: int = 1, **more: Any) -> Panel:
+def from_above(
+    traces: Sequence[Spec], x: tuple[float, float], y: tuple[float, float], place: int = 1, unit: str = "m", **more: Any
+) -> Panel:
     """A panel that shows x[0] to x[1] and y[0] to y[1], at one scale.
 
     Args:
         place: which panel of the picture it is, counted from 1: its axes are tied to each other by their names.
+        unit: of both axes.
         more: other attributes of the `Panel`.
     """
-    across = axis("x [m]", range=list(x), constrain="domain")
-    up = axis("y [m]", range=list(y), constrain="domain", scaleanchor="x" if place == 1 else f"x{place}")
+    across = axis(f"x [{unit}]", range=list(x), constrain="domain")
+    up = axis(f"y [{unit}]", range=list(y), constrain="domain", scaleanchor="x" if place == 1 else f"x{place}")
     return Panel(list(traces), up, across, **{"left": 64, **more})

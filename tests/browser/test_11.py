@@ -54,7 +54,7 @@ def test_laser_pipeline(open_notebook):
     show(stages)
     expect(stages.locator(".lab-metrics")).to_contain_text("0.9")
     nb.screenshot("11_stages")
-    press(stages, "edges_time", "ArrowLeft", 4)
+    press(stages, "edges-time", "ArrowLeft", 4)
     expect(stages.locator(".lab-code")).to_contain_text("edges_time=0.75")
     nb.page.wait_for_timeout(600)
     nb.screenshot("11_aborted")

@@ -86,8 +86,8 @@ def _wall(side: np.ndarray, settings: Settings) -> Element:
 
 
 def _walls(polygon: Polygon, settings: Settings) -> list[Element]:
-    """Every edge that is long enough."""
-    return [wall for side in _sides(polygon) if (wall := _wall(side, settings)).size >= settings.border]
+    """Every edge that is longer than anything on a robot."""
+    return [wall for side in _sides(polygon) if (wall := _wall(side, settings)).size > LARGEST * settings.robot]
 
 
 def _piece_of(walls: list[Element], polygon: Polygon, settings: Settings) -> list[Element]:
