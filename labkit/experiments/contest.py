@@ -56,7 +56,7 @@ class Contest:
         rows = gantt(
             self.run.trace, tuple(base), 0, end, title=title, locks=locks, remarks=[(self.end, self.task, words)], bands=bands
         )
-        return rows, priorities(self.run.trace, base, height=1.6)
+        return rows, priorities(self.run.trace, base, height=1.8)
 
 
 def inversions(trace: Trace, base: Mapping[str, int]) -> np.ndarray:

@@ -95,10 +95,10 @@ class MarsPathfinder(Experiment[dict[str, Run]]):
             marks = {"alarms": resets, "bands": inversions(run.trace, PATHFINDER).tolist()}
             panels.append(gantt(history, tuple(PATHFINDER), 0, END, title=f"{title}: {verdict}", locks=("select",), **marks))
             panels.append(priorities(run.trace, PATHFINDER, height=2.2))
-            said.append(f"{title.partition(',')[0]}: {happening(history, tuple(PATHFINDER), self.at)}")
+            said.append(f"{'Off' if run is result['off'] else 'On'}: {happening(history, tuple(PATHFINDER), self.at)}")
         return stack(
             *panels,
-            height=500,
+            height=480,
             shared=axis("time [ms]", range=[0, END]),
             keys=(*KEYS, *lock_keys(("select",)), "priority inversion"),
             at=self.at,

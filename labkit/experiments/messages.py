@@ -122,12 +122,12 @@ class QueueLab(Experiment[Delivery]):
         """What happens at the time looked at, as a sentence."""
         got = result.received[result.received[:, 0] <= self.at]
         last = (
-            f"The last item received is number {got[-1, 1]:g}, then {got[-1, 0] - got[-1, 1] * self.produce_every:.1f} ms old"
+            f"Last received: item {got[-1, 1]:g}, {got[-1, 0] - got[-1, 1] * self.produce_every:.1f} ms old"
             if len(got)
-            else "Nothing has been received yet"
+            else "Nothing received yet"
         )
         doing = happening(result.run.trace, ("producer", "consumer"), self.at)
-        return f"At {self.at:g} ms: {doing}. {waiting} in the queue, {(result.dropped <= self.at).sum()} dropped so far. {last}."
+        return f"At {self.at:g} ms: {doing}. {waiting} in the queue, {(result.dropped <= self.at).sum()} dropped. {last}."
 
     def metrics(self, result: Delivery) -> list[Metric]:
         ages = self.ages(result)
@@ -274,8 +274,8 @@ class SignalLab(Experiment[Service]):
                 result.run.trace, ("handler",), begin, end, title="The first burst", x={**part, "visible": False}, shapes=looked
             ),
             replace(burst, traces=named),
-            height=460,
-            keys=KEYS,
+            height=430,
+            keys=KEYS[1:2],
             meta={"says": self.says(result, lost), "ended": self.at >= BURST},
         )
 

@@ -83,7 +83,7 @@ class NestedMutexes(Experiment[dict[str, Contest]]):
         )
         return stack(
             *panels,
-            height=500,
+            height=480,
             shared=axis("time [ms]", range=[0, held(self.horizon())]),
             keys=(*KEYS, *lock_keys(("A", "B")), "raised for nobody"),
             at=self.at,

@@ -52,11 +52,19 @@ class History:
             first, last = found.first[task : task + 2]
             at = first + int(np.searchsorted(found.start[first:last], low, side="right")) - 1
             begin = min(begin, int(found.start[at]) if at >= first else self.trace.start)
+        if not self._log:  # who runs on after a tick or an interrupt was switched in before that
+            at = int(np.searchsorted(self._switched, begin, side="right")) - 1
+            begin = int(self._switched[at]) if at >= 0 else self.trace.start
         rows = np.arange(*np.searchsorted(self.trace.time, (begin, high + 1)))
         end = min(high, self.trace.end)
         return History(
             replace(self.trace.take(rows), start=begin, end=end, closed=self.trace.closed or end < self.trace.end), self._log
         )
+
+    @cached_property
+    def _switched(self) -> np.ndarray:
+        """When the processor changed hands."""
+        return self.trace.time[self.trace.of("switch")]
 
     @cached_property
     def runs(self) -> np.ndarray:

@@ -50,7 +50,10 @@ def steps(
 
 
 def priorities(trace: Trace, base: Mapping[str, int], **more: Any) -> Panel:
-    """The current priority of each task of `base`, whose base priority it names. `more` are other attributes of the `Panel`."""
+    """The current priority of each task of `base`, whose base priority it names. `more` are other attributes of the `Panel`.
+
+    Only the lowest and the highest level are labelled: a panel may be so low that others would touch them.
+    """
     found, colour, levels = steps_of(trace), colours(base), sorted(set(base.values()))
     drawn = []
     for i, name in enumerate(base):
@@ -69,7 +72,9 @@ def priorities(trace: Trace, base: Mapping[str, int], **more: Any) -> Panel:
                 "hovertemplate": f"{name}: priority %{{customdata}} at %{{x:.3f}} ms<extra></extra>",
             }
         )
-    y = axis("priority", range=[levels[0] - 0.6, levels[-1] + 0.6], tickvals=levels, fixedrange=True, automargin=False)
+    text = [str(level) if level in (levels[0], levels[-1]) else "" for level in levels]
+    ends = [levels[0] - 0.6, levels[-1] + 0.6]
+    y = axis("priority", range=ends, tickvals=levels, ticktext=text, fixedrange=True, automargin=False)
     return Panel(drawn, y, **more)
 
 

@@ -161,5 +161,5 @@ def test_the_time_looked_at_is_told():
     assert "Semaphore: H waits for S; M runs; L is ready and holds S. Mutex: H runs" in says(PriorityInversion(at=8))
     assert "FreeRTOS: H is ready and holds A; M is ready; L runs and holds B" in says(NestedMutexes(at=9))
     assert "bc_dist waits for select; comm runs; ASI_MET is ready and holds select" in says(MarsPathfinder(at=600))
-    assert "3 in the queue, 1 dropped so far" in says(QueueLab(at=18))
-    assert "4 raised, 1 begun to be served, 2 lost" in says(SignalLab(at=350))
+    assert "3 in the queue, 1 dropped. Last received: item 5, 5.8 ms old" in says(QueueLab(at=18))
+    assert "handler runs. 4 raised, 1 begun to be served, 2 lost" in says(SignalLab(at=350))

@@ -5,10 +5,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from labkit.figures.cursor import happening
 from labkit.figures.gantt import MOST, gantt
 from labkit.figures.history import BEYOND, EXCEPTION, MAIN, History
 from labkit.figures.style import colours
-from labkit.kernel import Kernel
+from labkit.kernel import Costs, Kernel
 from labkit.scheduler.periodic import simulate
 from labkit.scheduler.tasksets import PeriodicTask, TaskPair
 from labkit.trace import jobs, slices
@@ -29,14 +30,14 @@ def taft(rows, seed):
 
 
 def kernel(rows, seed):
-    """Tasks that compute, wait, and share a mutex."""
-    k = Kernel()
+    """Tasks that compute, wait, and share a mutex; every other time ticks and switches cost something, which cuts runs."""
+    k = Kernel(costs=Costs(tick=2000, switch=300) if seed % 2 else Costs())
     lock, rng = k.mutex("S"), np.random.default_rng(seed)
 
     def body(work, period):
         def forever(os):
             while True:
-                yield os.compute(work * os.us * 100)
+                yield os.compute(work * os.us * 400)
                 if rng.random() < 0.5:
                     yield os.take(lock)
                     yield os.compute(os.us * int(rng.integers(1, 900)))
@@ -72,6 +73,16 @@ def test_a_part_of_the_trace_tells_the_same_of_its_window_as_the_whole(trace, wh
                 table = np.delete(table, 2, axis=1)  # the job is told by its end, which may be after the window
             cut.append(sorted(table.tolist()))
         assert cut[0] == cut[1], kind
+
+
+@pytest.mark.parametrize("low", range(16_000, 3_000_000, 100_000))
+def test_a_run_that_a_tick_has_cut_is_seen_from_a_window_behind_the_tick(low):
+    trace = kernel([(8, 20, 0)], 1)
+    whole, code = History(trace), trace.code("t0")
+    part = whole.part([code], low, low + 50_000)
+    wanted, found = (table[(table[:, -2] <= low) & (table[:, -1] > low), 0].tolist() for table in (whole.runs, part.runs))
+    assert wanted == found
+    assert ("runs" in happening(trace, ("t0",), low * 1e3 / trace.hz)) == (code in wanted)
 
 
 @settings(max_examples=60)
