@@ -29,19 +29,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from labkit.phases.windows import Part, phases_of, windows
-from labkit.scheduler import (
-    EXCEPTION,
-    MP,
-    PRIORITY,
-    Outcome,
-    PeriodicTask,
-    Releases,
-    TaskPair,
-    Verdict,
-    simulate,
-    taft_test,
-    trace_of,
-)
+from labkit.scheduler import EP, MP, PRIORITY, Outcome, PeriodicTask, Releases, TaskPair, Verdict, simulate, taft_test, trace_of
 from labkit.trace import MAIN, Trace, slices
 
 #: The designs, by number from 1.
@@ -193,7 +181,7 @@ def _thread(chain: list[Part], design: int, load: np.ndarray, period_ns: int) ->
     owner[number[struck]] = index[hit]
     rescue = rescue[owner[rescue[:, 1]] >= 0]
     job = np.concatenate([index[kept], owner[rescue[:, 1]]])
-    part = np.concatenate([np.full(kept.sum(), MP), np.full(len(rescue), EXCEPTION)])
+    part = np.concatenate([np.full(kept.sum(), MP), np.full(len(rescue), EP)])
     start, end = np.concatenate([begin[kept], rescue[:, 2]]), np.concatenate([stop[kept], rescue[:, 3]])
     order = np.argsort(start, kind="stable")
     outcome = Outcome(

@@ -40,7 +40,7 @@ import numpy as np
 
 from labkit.checks import whole
 from labkit.phases.windows import Part, Window, windows
-from labkit.scheduler import EXCEPTION, PRIORITY, Outcome, Releases, TaskPair, run_pairs, trace_of
+from labkit.scheduler import EP, PRIORITY, Outcome, Releases, TaskPair, run_pairs, trace_of
 from labkit.trace import Trace
 
 Main = Callable[[Any], Generator[tuple[int, Any], None, None]]
@@ -213,7 +213,7 @@ class Organiser:
         need = np.array([times[-1] if times else 1 for times, _ in steps], dtype=np.int64)
         jobs, outcome = run_pairs(pairs, Releases(index, zero, zero, zero + length, need), length)
         granted = np.zeros(count, np.int64)
-        np.add.at(granted, outcome.job, np.where(outcome.part < EXCEPTION, outcome.end - outcome.start, 0))
+        np.add.at(granted, outcome.job, np.where(outcome.part < EP, outcome.end - outcome.start, 0))
         results = {}
         for part, (times, values), time, fell in zip(unit.parts, steps, granted, outcome.aborted, strict=True):
             done = int(np.searchsorted(times, time, side="right"))

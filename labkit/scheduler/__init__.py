@@ -36,14 +36,23 @@ from labkit.scheduler.analysis import (
 )
 from labkit.scheduler.analysis.acceptance import accept_response_time
 from labkit.scheduler.execution import ExecutionModel, fit_log_normal, log_normal
-from labkit.scheduler.jobs import EXCEPTION, MP, Outcome, Releases, trace_of
+from labkit.scheduler.jobs import EP, MP, Outcome, Releases, trace_of
 from labkit.scheduler.periodic import POLICIES, simulate
 from labkit.scheduler.taft import PRIORITY, run_pairs
-from labkit.scheduler.taskfile import fitted, read_schedule, schedule, schedule_rows, write_schedule
-from labkit.scheduler.tasksets import PeriodicTask, TaskPair, log_uniform_periods, rate_monotonic, uunifast
+from labkit.scheduler.taskfile import (
+    TaskSet,
+    fitted,
+    read_schedule,
+    read_tasks,
+    schedule,
+    schedule_rows,
+    verdict_of,
+    write_schedule,
+)
+from labkit.scheduler.tasksets import PeriodicTask, TaskPair, deadline_monotonic, log_uniform_periods, rate_monotonic, uunifast
 
 __all__ = [
-    "EXCEPTION",
+    "EP",
     "MP",
     "POLICIES",
     "PRIORITY",
@@ -55,6 +64,7 @@ __all__ = [
     "PeriodicTask",
     "Releases",
     "TaskPair",
+    "TaskSet",
     "UndecidedError",
     "Verdict",
     "accept_edf",
@@ -63,6 +73,7 @@ __all__ = [
     "accept_response_time",
     "blocking_bounds",
     "busy_period",
+    "deadline_monotonic",
     "deadlock_locks",
     "demand_bound",
     "demand_limit",
@@ -83,6 +94,7 @@ __all__ = [
     "qpa_test",
     "rate_monotonic",
     "read_schedule",
+    "read_tasks",
     "response_time_test",
     "response_times",
     "run_pairs",
@@ -97,5 +109,6 @@ __all__ = [
     "trace_of",
     "utilization",
     "uunifast",
+    "verdict_of",
     "write_schedule",
 ]

@@ -12,7 +12,7 @@ from labkit.scheduler.tasksets import PeriodicTask, TaskPair, check_names
 from labkit.trace import CODE, STATES, Trace
 
 #: In a TAFT trace the exception part of task `x` is a name of its own, `x.ep`; `x` is the main part.
-EP = ".ep"
+SUFFIX = ".ep"
 
 #: More jobs than this are refused: the run would take minutes and gigabytes.
 MAX_JOBS = 5_000_000
@@ -23,7 +23,7 @@ LONGEST = 1 << 50
 #: Task name -> execution times of its jobs 0, 1, ...; the last one repeats.
 Times = Mapping[str, Sequence[int] | np.ndarray]
 
-MP, BEYOND, EXCEPTION = 0, 1, 2  # the part a slice belongs to: main, main beyond its expected time, exception
+MP, BEYOND, EP = 0, 1, 2  # what a slice is: main part, main part beyond its expected time, exception part
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,9 +66,9 @@ def release_jobs(tasks: Iterable[PeriodicTask | TaskPair], until: int, times: Ti
     stranger = next((name for name in times if name not in names), None)
     if stranger is not None:
         raise ValueError(f"execution times for {stranger!r}, which is no task; there are {', '.join(names)}")
-    clash = next((name for name in names if name + EP in names), None)
+    clash = next((name for name in names if name + SUFFIX in names), None)
     if clash is not None:
-        raise ValueError(f"a task is called {clash + EP!r}, the name of the exception part of {clash!r}; rename it")
+        raise ValueError(f"a task is called {clash + SUFFIX!r}, the name of the exception part of {clash!r}; rename it")
     longest = max(until, *(max(task.period, task.deadline, task.offset) for task in tasks))
     if longest > LONGEST:
         raise ValueError(f"a time of {longest} units; at most {LONGEST} are allowed")
@@ -101,7 +101,7 @@ def _times(task: PeriodicTask | TaskPair, times: Sequence[int] | np.ndarray | No
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """What became of the jobs. Slices in order of time: `job` (index into the jobs), `part` (MP, BEYOND, EXCEPTION), `start`,
+    """What became of the jobs. Slices in order of time: `job` (index into the jobs), `part` (MP, BEYOND, EP), `start`,
     `end`.
 
     Per job, -1 for what never happened: `completed` (main part), `aborted`, `recovered` (exception part complete).
@@ -127,10 +127,10 @@ def trace_of(
     Args:
         names: of the tasks.
         priority: of each slice, for the `switch` rows.
-        exceptions: whether the tasks have exception parts; their names, with `EP` behind that of the task, come after the tasks'.
+        exceptions: whether the tasks have exception parts; their names, those of the tasks with `SUFFIX`, come after these.
     """
     tasks = len(names)
-    names = (*names, *(name + EP for name in names if exceptions))
+    names = (*names, *(name + SUFFIX for name in names if exceptions))
     blocks: list[Rows] = []
 
     def add_ends(when: np.ndarray, order: int | np.ndarray, kind: str, task: np.ndarray) -> None:
@@ -145,7 +145,7 @@ def trace_of(
     add_ends(outcome.recovered, np.where(outcome.recovered > outcome.aborted, 0, 2), "complete", exception)
     blocks.append((jobs.release, 4, CODE["release"], jobs.task, -1, jobs.release, jobs.number))
     blocks.append((jobs.release, 4, CODE["deadline"], jobs.task, -1, jobs.deadline, jobs.number))
-    main = outcome.part != EXCEPTION
+    main = outcome.part != EP
     urgency, rescue = (_first(outcome.job[some], priority[some], len(jobs)) for some in (main, ~main))
     blocks.append((jobs.release, 5, CODE["ready"], jobs.task, -1, urgency, 0))
     waits = fallen & (outcome.recovered != outcome.aborted) & (outcome.aborted < until)
@@ -196,7 +196,7 @@ def _switches(jobs: Releases, outcome: Outcome, priority: np.ndarray, tasks: int
     new[1:] = (job[1:] != job[:-1]) | (part[1:] != part[:-1]) | (start[1:] != end[:-1])
     last = np.append(new[1:], True)
     first, finish = start[new], end[last]
-    task = np.where(part == EXCEPTION, jobs.task[job] + tasks, jobs.task[job])[new]
+    task = np.where(part == EP, jobs.task[job] + tasks, jobs.task[job])[new]
     idles = np.flatnonzero(np.append(first[1:], until) > finish)
     if first[0] > 0:
         finish, idles = np.append(finish, 0), np.append(idles, len(finish))
@@ -207,9 +207,7 @@ def _switches(jobs: Releases, outcome: Outcome, priority: np.ndarray, tasks: int
     order = np.argsort(time, kind="stable")
     time, who, value, mine = time[order], who[order], value[order], mine[order]
     before, gone = np.append(-1, who[:-1]), np.append(-1, mine[:-1])
-    left = np.where(
-        gone % 4 == EXCEPTION, outcome.recovered[gone // 4], np.maximum(outcome.completed, outcome.aborted)[gone // 4]
-    )
+    left = np.where(gone % 4 == EP, outcome.recovered[gone // 4], np.maximum(outcome.completed, outcome.aborted)[gone // 4])
     over = (left >= 0) & (left <= time)  # its job had ended by then
     state = np.where(who == before, STATES.index("running"), np.where(over, STATES.index("blocked"), STATES.index("ready")))
     return time, who, value, before, np.where(before < 0, -1, state)

@@ -40,7 +40,7 @@ import numpy as np
 
 from labkit.scheduler.analysis.taft import latest_slots
 from labkit.scheduler.dispatch import dispatch
-from labkit.scheduler.jobs import BEYOND, EXCEPTION, Outcome, Releases, release_jobs, trace_of
+from labkit.scheduler.jobs import BEYOND, EP, Outcome, Releases, release_jobs, trace_of
 from labkit.scheduler.tasksets import TaskPair
 from labkit.trace import Trace
 
@@ -60,7 +60,7 @@ def run_pairs(pairs: Sequence[TaskPair], jobs: Releases, until: int) -> tuple[Re
     return jobs, _Run(pairs, jobs, until).outcome()
 
 
-#: Priority in the trace of a slice of MP, BEYOND and EXCEPTION.
+#: Priority in the trace of a slice of MP, BEYOND and EP.
 PRIORITY = np.array([1, 0, 2])
 
 
@@ -176,7 +176,7 @@ class _Run:
         if turn is not None and now < upcoming:
             end, job = turn
             end = min(end, upcoming, *(start for start, _, _ in slots if start > now))
-            self.keys.append(job + EXCEPTION * self.n)
+            self.keys.append(job + EP * self.n)
             self.starts.append(now)
             self.ends.append(end)
             self.ep_left[job] -= end - now

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from labkit.scheduler import taft
 from labkit.scheduler.analysis import taft_demand_test, taft_plan_test, taft_test, taft_utilization
-from labkit.scheduler.jobs import EP, release_jobs
+from labkit.scheduler.jobs import SUFFIX, release_jobs
 from labkit.scheduler.periodic import simulate
 from labkit.scheduler.tasksets import TaskPair
 from labkit.trace import jobs as jobs_of
@@ -20,7 +20,7 @@ from labkit.trace.kinds import KINDS
 
 
 def pairs(*rows):
-    """(ECET, EP, T[, D[, offset]]) rows as pairs p0, p1, ..."""
+    """(ECET, SUFFIX, T[, D[, offset]]) rows as pairs p0, p1, ..."""
     return [TaskPair(f"p{i}", *row) for i, row in enumerate(rows)]
 
 
@@ -31,7 +31,7 @@ def events(trace, *kinds):
 
 def ran(trace):
     rows = slices(trace).rows().tolist()
-    return [(trace.names[who] + EP * part, job, start, end) for who, part, job, start, end in rows]
+    return [(trace.names[who] + SUFFIX * part, job, start, end) for who, part, job, start, end in rows]
 
 
 # ----------------------------------------------------------------------------------------------- one rule at a time
@@ -171,7 +171,7 @@ def as_units(trace, until):
     for who, part, job, start, end in slices(trace).rows().tolist():
         units[start:end] = [(who, job, PARTS[part])] * (end - start)
     told = {
-        (t, "recover" if kind == "complete" and name.endswith(EP) else kind, int(name.removesuffix(EP)[1:]), job)
+        (t, "recover" if kind == "complete" and name.endswith(SUFFIX) else kind, int(name.removesuffix(SUFFIX)[1:]), job)
         for t, kind, name, job in events(trace, "complete", "abort")
     }
     table = jobs_of(trace)
@@ -350,7 +350,7 @@ SETS = [pairs(a, b) for a in ROWS for b in ROWS if a[2] <= b[2] and taft_utiliza
 
 
 def test_how_far_the_acceptance_tests_are_from_exact():
-    """All sets of two pairs with periods 2 to 6 and a utilisation up to 1, which EDF with C = ECET + EP could all schedule.
+    """All sets of two pairs with periods 2 to 6 and a utilisation up to 1, which EDF with C = ECET + SUFFIX could all schedule.
 
     `together`: TAFT keeps its promises, tried by a run through one cycle with endless main parts, released together. `any`: so it
     does for all offsets, all different ones tried. The plan test is exact for the first, the demand test sufficient for the
