@@ -16,6 +16,7 @@ CHECKED = (
     "04_trace_sink.ipynb",
     "05_tick_rates.ipynb",
     "06_micro_ros_vs_freertos.ipynb",
+    "11_laser_pipeline.ipynb",
 )
 
 
