@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from labkit.figures import Panel, gantt, priorities
+from labkit.figures import History, Panel, gantt, happening, priorities
 from labkit.kernel import Run
 from labkit.trace import Trace, holds, runs, waits
 from labkit.trace import priorities as levels
@@ -20,7 +20,7 @@ class Contest:
     """One run of several tasks, seen from one of them. Times in ms.
 
     Attributes:
-        run: the simulation.
+        run: the simulation. history: who ran when in it.
         task: the one looked at; it has one job.
         end: when that was done, in cycles.
         response: from its release to its end.
@@ -29,6 +29,7 @@ class Contest:
     """
 
     run: Run
+    history: History
     task: str
     end: int
     response: float
@@ -43,7 +44,7 @@ class Contest:
         end = next(time for time, _, who, *_ in trace.rows("done").tolist() if who == code)
         ran = sum(stop - start for who, start, stop in runs(trace).tolist() if who == code)
         response = end - release_ms * ms
-        return cls(run, task, end, response / ms, (response - ran) / ms, wrong)
+        return cls(run, History(trace), task, end, response / ms, (response - ran) / ms, wrong)
 
     @property
     def wrong_ms(self) -> float:
@@ -54,9 +55,13 @@ class Contest:
         """Who ran, above the priorities; `words` stand where the task has ended."""
         bands = [(start, stop) for start, stop in self.wrong.tolist()]
         rows = gantt(
-            self.run.trace, tuple(base), 0, end, title=title, locks=locks, remarks=[(self.end, self.task, words)], bands=bands
+            self.history, tuple(base), 0, end, title=title, locks=locks, remarks=[(self.end, self.task, words)], bands=bands
         )
         return rows, priorities(self.run.trace, base, height=1.8)
+
+    def doing(self, base: Mapping[str, int], at: float) -> str:
+        """What the tasks do at a time in ms."""
+        return happening(self.history, tuple(base), at)
 
 
 def inversions(trace: Trace, base: Mapping[str, int]) -> np.ndarray:

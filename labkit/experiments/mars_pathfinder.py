@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Annotated, Any
 
+import numpy as np
 from annotated_types import Interval, MultipleOf, Unit
 from typing_extensions import Doc
 
@@ -18,7 +20,22 @@ FRAME, FRAMES = 125, 12  # ms, the 8 Hz cycle of the 1553 bus; cycles simulated
 END = FRAMES * FRAME + 20  # ms
 
 
-class MarsPathfinder(Experiment[dict[str, Run]]):
+@dataclass(frozen=True)
+class Flight:
+    """Who ran when, the times in ms at which the check failed, and the stretches of priority inversion in cycles."""
+
+    history: History
+    resets: list[float]
+    wrong: np.ndarray
+
+    @classmethod
+    def of(cls, run: Run) -> Flight:
+        """Read a run."""
+        resets = run.trace.rows("mark")[:, 0] * (1e3 / run.trace.hz)
+        return cls(History(run.trace), resets.tolist(), inversions(run.trace, PATHFINDER))
+
+
+class MarsPathfinder(Experiment[dict[str, Flight]]):
     """Why did the lander keep resetting itself on Mars?
 
     Every 125 ms `bc_sched` sets up the next bus cycle and checks that `bc_dist` has distributed the data of the last one; if
@@ -79,23 +96,31 @@ class MarsPathfinder(Experiment[dict[str, Run]]):
             k.task(name, body, PATHFINDER[name])
         return k.run(until=END * k.ms)
 
-    def run(self) -> dict[str, Run]:
-        return {"off": self.simulate("none"), "on": self.simulate("freertos")}
+    def run(self) -> dict[str, Flight]:
+        return {"off": Flight.of(self.simulate("none")), "on": Flight.of(self.simulate("freertos"))}
 
-    @staticmethod
-    def resets(run: Run) -> list[float]:
-        """Times in ms at which the check failed."""
-        return (run.trace.rows("mark")[:, 0] * (1e3 / run.trace.hz)).tolist()
-
-    def figure(self, result: dict[str, Run]) -> dict[str, Any]:
+    def figure(self, result: dict[str, Flight]) -> dict[str, Any]:
         panels, said = [], []
-        for title, run in (("Inheritance off, as flown", result["off"]), ("Inheritance on, as patched", result["on"])):
-            resets, history = run.trace.rows("mark")[:, 0].tolist(), History(run.trace)
-            verdict = f"first reset at {self.resets(run)[0]:g} ms" if resets else "no reset"
-            marks = {"alarms": resets, "bands": inversions(run.trace, PATHFINDER).tolist()}
-            panels.append(gantt(history, tuple(PATHFINDER), 0, END, title=f"{title}: {verdict}", locks=("select",), **marks))
-            panels.append(priorities(run.trace, PATHFINDER, height=2.2))
-            said.append(f"{'Off' if run is result['off'] else 'On'}: {happening(history, tuple(PATHFINDER), self.at)}")
+        for name, title in (("off", "Inheritance off, as flown"), ("on", "Inheritance on, as patched")):
+            flight = result[name]
+            ms = flight.history.trace.hz // 1000
+            verdict = f"first reset at {flight.resets[0]:g} ms" if flight.resets else "no reset"
+            alarms = [round(at * ms) for at in flight.resets]
+            bands = [(start, end) for start, end in flight.wrong.tolist()]
+            panels += [
+                gantt(
+                    flight.history,
+                    tuple(PATHFINDER),
+                    0,
+                    END,
+                    title=f"{title}: {verdict}",
+                    locks=("select",),
+                    alarms=alarms,
+                    bands=bands,
+                ),
+                priorities(flight.history.trace, PATHFINDER, height=2.2),
+            ]
+            said.append(f"{name.capitalize()}: {happening(flight.history, tuple(PATHFINDER), self.at)}")
         return stack(
             *panels,
             height=480,
@@ -105,8 +130,8 @@ class MarsPathfinder(Experiment[dict[str, Run]]):
             says=f"At {self.at} ms. {'. '.join(said)}.",
         )
 
-    def metrics(self, result: dict[str, Run]) -> list[Metric]:
-        off, on = (self.resets(result[key]) for key in ("off", "on"))
+    def metrics(self, result: dict[str, Flight]) -> list[Metric]:
+        off, on = (result[key].resets for key in ("off", "on"))
         cycles = f"of {FRAMES} cycles"
         return [
             Metric("resets, inheritance off", len(off), cycles, good=not off),

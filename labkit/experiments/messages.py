@@ -12,7 +12,7 @@ from typing_extensions import Doc
 
 from labkit.experiment import Experiment, Feedback, Labels, Metric, View
 from labkit.experiments.answers import refused
-from labkit.figures import BLUE, INK, VERMILION, Marks, Steps, axis, cursor, gantt, happening, stack, steps
+from labkit.figures import BLUE, INK, VERMILION, History, Marks, Steps, axis, cursor, gantt, happening, stack, steps
 from labkit.kernel import Costs, Kernel, Run
 from labkit.trace import CODE, Trace
 
@@ -28,9 +28,9 @@ def times(trace: Trace, *kinds: str) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Delivery:
-    """What became of the items: sent and received as (n, 2) arrays of (ms, item), and when one was dropped."""
+    """What became of the items: sent and received as (n, 2) arrays of (ms, item), and when one was dropped; who ran when."""
 
-    run: Run
+    history: History
     sent: np.ndarray
     received: np.ndarray
     dropped: np.ndarray
@@ -86,11 +86,11 @@ class QueueLab(Experiment[Delivery]):
             rows = run.trace.rows(*kinds)
             return np.stack([rows[:, 0] * (1e3 / run.trace.hz), rows[:, 5]], axis=1)
 
-        return Delivery(run, items("send", "overwrite"), items("recv"), times(run.trace, "send_fail"))
+        return Delivery(History(run.trace), items("send", "overwrite"), items("recv"), times(run.trace, "send_fail"))
 
     def overwritten(self, result: Delivery) -> int:
         """Items that a newer one replaced before anybody read them."""
-        return int((result.run.trace.rows("overwrite")[:, 4] > 0).sum())
+        return int((result.history.trace.rows("overwrite")[:, 4] > 0).sum())
 
     def ages(self, result: Delivery) -> np.ndarray:
         """Age of each received item at its receipt in ms: from when the producer had it ready, period times number."""
@@ -98,10 +98,10 @@ class QueueLab(Experiment[Delivery]):
 
     def fill(self, result: Delivery) -> tuple[np.ndarray, np.ndarray]:
         """Times in ms and the items in the queue from then on."""
-        rows = result.run.trace.rows("send", "overwrite", "recv")
+        rows = result.history.trace.rows("send", "overwrite", "recv")
         after = np.where(rows[:, 1] == CODE["recv"], rows[:, 4] - 1, rows[:, 4] + 1)
         after[rows[:, 1] == CODE["overwrite"]] = 1
-        return np.append(0.0, rows[:, 0] * (1e3 / result.run.trace.hz)), np.append(0, after)
+        return np.append(0.0, rows[:, 0] * (1e3 / result.history.trace.hz)), np.append(0, after)
 
     def figure(self, result: Delivery) -> dict[str, Any]:
         when, fill = self.fill(result)
@@ -109,7 +109,7 @@ class QueueLab(Experiment[Delivery]):
         refused_at = Marks("dropped", result.dropped, room + 0.5, "x", VERMILION)
         items = [Steps("items in the queue", when, fill, BLUE), Steps("room", np.zeros(1), np.full(1, room), INK, "dot")]
         return stack(
-            gantt(result.run.trace, ("producer", "consumer"), 0, WINDOW),
+            gantt(result.history, ("producer", "consumer"), 0, WINDOW),
             steps(items, "items", WINDOW, [refused_at], top=5 if room < 5 else 14, height=2.4),
             height=400,
             shared=axis("time [ms]", range=[0, WINDOW]),
@@ -126,7 +126,7 @@ class QueueLab(Experiment[Delivery]):
             if len(got)
             else "Nothing received yet"
         )
-        doing = happening(result.run.trace, ("producer", "consumer"), self.at)
+        doing = happening(result.history, ("producer", "consumer"), self.at)
         return f"At {self.at:g} ms: {doing}. {waiting} in the queue, {(result.dropped <= self.at).sum()} dropped. {last}."
 
     def metrics(self, result: Delivery) -> list[Metric]:
@@ -145,9 +145,9 @@ class QueueLab(Experiment[Delivery]):
 
 @dataclass(frozen=True)
 class Service:
-    """Events raised and served over time (ms), and the latency of each wake-up of the handler in us."""
+    """Events raised and served over time (ms), and the latency of each wake-up of the handler in us; who ran when."""
 
-    run: Run
+    history: History
     raised: np.ndarray
     served: np.ndarray
     counts: np.ndarray
@@ -242,7 +242,7 @@ class SignalLab(Experiment[Service]):
         ms = 1e3 / run.trace.hz
         idle = np.array([self._asleep(run, at) for at in first], dtype=bool)
         latencies = (marks[after[known], 0] - first[known])[idle[known]] * ms * 1e3
-        return Service(run, np.array(raised) * ms, marks[:, 0] * ms, marks[:, 4], latencies)
+        return Service(History(run.trace), np.array(raised) * ms, marks[:, 0] * ms, marks[:, 4], latencies)
 
     @staticmethod
     def _asleep(run: Run, at: int) -> bool:
@@ -252,7 +252,7 @@ class SignalLab(Experiment[Service]):
         return len(before) > 0 and run.trace.names[before[-1, 2]] == "IDLE"
 
     def figure(self, result: Service) -> dict[str, Any]:
-        lost = times(result.run.trace, "give_fail")
+        lost = times(result.history.trace, "give_fail")
         lines = [
             Steps("raised", np.append(0.0, result.raised), np.arange(len(result.raised) + 1), INK),
             Steps("served", np.append(0.0, result.served), np.append(0, result.counts), BLUE),
@@ -271,7 +271,13 @@ class SignalLab(Experiment[Service]):
         return stack(
             replace(steps(lines, "events", WINDOW, [marks], top=most[0], height=2, x=whole), title="All bursts"),
             gantt(
-                result.run.trace, ("handler",), begin, end, title="The first burst", x={**part, "visible": False}, shapes=looked
+                result.history.trace,
+                ("handler",),
+                begin,
+                end,
+                title="The first burst",
+                x={**part, "visible": False},
+                shapes=looked,
             ),
             replace(burst, traces=named),
             height=430,
@@ -283,12 +289,12 @@ class SignalLab(Experiment[Service]):
         """What happens at the time looked at, as a sentence."""
         now = FIRST + self.at / 1000
         counts = [int((when <= now + 1e-9).sum()) for when in (result.raised, result.served, lost)]
-        doing = happening(result.run.trace, ("handler",), now)
+        doing = happening(result.history, ("handler",), now)
         said = f"{counts[0]} raised, {counts[1]} begun to be served, {counts[2]} lost"
         return f"At {now:g} ms, {self.at} us after the first interrupt: {doing}. {said}."
 
     def metrics(self, result: Service) -> list[Metric]:
-        lost = len(result.run.trace.rows("give_fail"))
+        lost = len(result.history.trace.rows("give_fail"))
         waiting = len(result.raised) - len(result.served) - lost
         return [
             Metric("raised", len(result.raised), "events"),

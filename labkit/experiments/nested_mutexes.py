@@ -11,7 +11,7 @@ from labkit.experiment import Experiment, Feedback, Labels, Metric, View
 from labkit.experiments.answers import refused
 from labkit.experiments.contest import KEYS, Contest, raised_for_nobody
 from labkit.experiments.priority_inversion import BASE
-from labkit.figures import Panel, axis, happening, held, lock_keys, stack
+from labkit.figures import Panel, axis, held, lock_keys, stack
 from labkit.kernel import Kernel, Run
 
 
@@ -78,7 +78,7 @@ class NestedMutexes(Experiment[dict[str, Contest]]):
         for title, contest in zip(titles, result.values(), strict=True):
             panels += contest.panels(title, BASE, ("A", "B"), self.horizon(), f"responds after {contest.response:g} ms")
         says = ". ".join(
-            f"{name}: {happening(contest.run.trace, tuple(BASE), self.at)}"
+            f"{name}: {contest.doing(BASE, self.at)}"
             for name, contest in zip(("FreeRTOS", "Textbook"), result.values(), strict=True)
         )
         return stack(

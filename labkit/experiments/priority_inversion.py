@@ -10,7 +10,7 @@ from typing_extensions import Doc
 from labkit.experiment import Experiment, Feedback, Labels, Metric, View
 from labkit.experiments.answers import refused
 from labkit.experiments.contest import KEYS, Contest, inversions
-from labkit.figures import Panel, axis, happening, held, lock_keys, stack
+from labkit.figures import Panel, axis, held, lock_keys, stack
 from labkit.kernel import Kernel, Run
 from labkit.scheduler import CriticalSection, PeriodicTask, blocking_bounds
 
@@ -115,8 +115,7 @@ class PriorityInversion(Experiment[tuple[Contest, Contest]]):
             words = f"{contest.response:g} ms, {contest.blocked:g} ms blocked"
             panels += contest.panels(title, BASE, ("S",), self.horizon(), words)
         says = ". ".join(
-            f"{name}: {happening(contest.run.trace, tuple(BASE), self.at)}"
-            for name, contest in zip(("Semaphore", "Mutex"), result, strict=True)
+            f"{name}: {contest.doing(BASE, self.at)}" for name, contest in zip(("Semaphore", "Mutex"), result, strict=True)
         )
         return stack(
             *panels,

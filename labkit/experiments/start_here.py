@@ -21,9 +21,9 @@ HORIZON, SHOWN = 240, 80  # ms simulated, where the least common multiple of the
 
 @dataclass(frozen=True)
 class Schedule:
-    """The simulation; for each task, in ms, the longest response (None: no job ended) and its bound (None: it overloads)."""
+    """Who ran when; for each task, in ms, the longest response (None: no job ended) and its bound (None: it overloads)."""
 
-    run: Run
+    history: History
     longest: dict[str, float | None]
     bound: dict[str, float | None]
 
@@ -73,7 +73,9 @@ class ThreeTasks(Experiment[Schedule]):
             k.task(task.name, body(task), PRIORITY[task.name], deadline=task.period * k.us, released=True)
         run = k.run(until=HORIZON * k.ms)
         bounds = response_times(tasks)
-        return Schedule(run, self._longest(run), {name: None if r is None else r / 1000 for name, r in bounds.items()})
+        return Schedule(
+            History(run.trace), self._longest(run), {name: None if r is None else r / 1000 for name, r in bounds.items()}
+        )
 
     @staticmethod
     def _longest(run: Run) -> dict[str, float | None]:
@@ -83,14 +85,13 @@ class ThreeTasks(Experiment[Schedule]):
         return {name: float(times.max()) * 1e3 / run.trace.hz if len(times) else None for name, times in response.items()}
 
     def figure(self, result: Schedule) -> dict[str, Any]:
-        history = History(result.run.trace)
         return stack(
-            gantt(history, tuple(PRIORITY), 0, SHOWN, title=f"The first {SHOWN} ms"),
+            gantt(result.history, tuple(PRIORITY), 0, SHOWN, title=f"The first {SHOWN} ms"),
             height=320,
             shared=axis("time [ms]", range=[0, SHOWN]),
             keys=("ready", "release", "deadline", "missed"),
             at=self.at,
-            says=f"At {self.at:g} ms: {happening(history, tuple(PRIORITY), self.at)}.",
+            says=f"At {self.at:g} ms: {happening(result.history, tuple(PRIORITY), self.at)}.",
         )
 
     def metrics(self, result: Schedule) -> list[Metric]:

@@ -52,14 +52,14 @@ def test_the_late_drop_never_helps_the_middle_task(experiment):
 
 def test_pathfinder_resets_without_inheritance_only():
     result = MarsPathfinder().run()
-    assert MarsPathfinder.resets(result["off"]) == [625.0] and MarsPathfinder.resets(result["on"]) == []
+    assert result["off"].resets == [625.0] and result["on"].resets == []
 
 
 @settings(max_examples=40)
 @given(MarsPathfinder.strategy())
 def test_inheritance_never_adds_a_reset(experiment):
     result = experiment.run()
-    assert len(MarsPathfinder.resets(result["on"])) <= len(MarsPathfinder.resets(result["off"]))
+    assert len(result["on"].resets) <= len(result["off"].resets)
 
 
 @settings(max_examples=40)
