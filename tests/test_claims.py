@@ -1,4 +1,4 @@
-"""Every published number is reproduced, refuted or named as not derivable: the table in data/README.md is what comes out today."""
+"""Every published number is reproduced, refuted or named as not derivable: data/README.md says what comes out today."""
 
 from dataclasses import replace
 
