@@ -28,7 +28,7 @@ def published(name: str) -> Path:
 def example(name: str) -> Path:
     """Path of one sample file that the lab made itself, from `data/examples`; ValueError lists those there are."""
     folder = _folder() / "examples"
-    names = sorted(path.name for path in folder.glob("*.*"))
+    names = sorted(path.name for path in folder.glob("*.*") if path.suffix != ".md")
     if name not in names:
         raise ValueError(f"no sample file {name!r}; there are {', '.join(names) or f'none in {folder}'}")
     return folder / name
