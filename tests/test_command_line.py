@@ -50,19 +50,23 @@ def test_version_is_that_of_the_package(capsys):
 
 def test_help_states_the_limits_that_hold():
     from labkit.cache import references
+    from labkit.cache.references import text
     from labkit.fusion import tracks
     from labkit.kernel.scenario import play, read
     from labkit.outside import MOST_BYTES
     from labkit.phases import chainfile
     from labkit.scheduler import taskfile
-    from labkit.trace.readers import source
+    from labkit.trace.readers import chrome, source
 
     mib = MOST_BYTES >> 20
     told = " ".join(parser().format_help().split())
-    assert f"trace {source.MOST_BYTES >> 20} MiB;" in told
+    assert f"trace {source.MOST_BYTES >> 20} MiB, JSON {chrome.MOST_BYTES >> 20} MiB;" in told
     assert f"replay {mib} MiB, 1000 tasks, {read.LAST_TICK} ticks, {play.MOST_EVENTS} events;" in told
     assert f"schedule {mib} MiB, {taskfile.MOST_TASKS} tasks, {taskfile.MOST_JOBS} jobs;" in told
-    assert f"windows {mib} MiB, {chainfile.MOST_PARTS} parts; cache {references.MOST_IN_FILE} references;" in told
+    assert (
+        f"windows {mib} MiB, {chainfile.MOST_PARTS} parts; cache {references.MOST_IN_FILE} references, text {text.MOST_BYTES >> 30} GiB;"
+        in told
+    )
     assert f"track {mib} MiB, {tracks.MOST_TRACKS} tracks, {tracks.MOST_PREDICTIONS} predictions." in told
 
 
@@ -139,7 +143,7 @@ def test_run_takes_parameters_and_prints_metrics(capsys):
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        (["run", "priority-reversion"], "there is no experiment 'priority-reversion'; there are three-tasks, priority-inversion"),
+        (["run", "priority-reversion"], "there is no experiment 'priority-reversion'; there are three-tasks, "),
         (["run", "priority-inversion", "--set", "hold=99"], "hold = 99 is not allowed; allowed is a whole number, 1 to 15 ms"),
         (["run", "priority-inversion", "--set", "hold=x"], "hold = 'x' is not allowed; allowed is a whole number, 1 to 15 ms"),
         (

@@ -20,8 +20,8 @@ GROUPS = (experiments, pages, recordings, models, sink, fusion)
 
 #: What each reader takes at most; more is refused with a sentence that says so.
 LIMITS = """\
-Limits: trace 256 MiB; replay 8 MiB, 1000 tasks, 10000000 ticks, 2000000 events; schedule 8 MiB, 50000 tasks,
-1000000 jobs; windows 8 MiB, 1000 parts; cache 5000000 references; track 8 MiB, 1000 tracks,
+Limits: trace 256 MiB, JSON 64 MiB; replay 8 MiB, 1000 tasks, 10000000 ticks, 2000000 events; schedule 8 MiB, 50000 tasks,
+1000000 jobs; windows 8 MiB, 1000 parts; cache 5000000 references, text 1 GiB; track 8 MiB, 1000 tracks,
 20000000 predictions. What is more is refused and says so.
 """
 
