@@ -1,7 +1,9 @@
 """Recordings of other tools: hand-made ones whose running times were added up by hand, published excerpts, and damage."""
 
+import importlib.util
 import io
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -439,3 +441,23 @@ def test_any_damage_is_told_or_refused(data):
         return
     assert accounts_for_every_line(report) and (np.diff(trace.time) >= 0).all()
     assert statistics(trace)["share"].fillna(0).groupby(level=-1 if trace.core is not None else 0).sum().max() <= 1.0000001
+
+
+# The samples ----------------------------------------------------------------------------------------------------------------
+
+
+def make_examples():
+    spec = importlib.util.spec_from_file_location("make_examples", Path(__file__).with_name("make_examples.py"))
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_the_samples_are_as_made_and_all_tell_what_was_simulated():
+    maker = make_examples()
+    truth = statistics(maker.simulated())["self"].to_dict()
+    for name, text in maker.made().items():
+        assert (maker.EXAMPLES / name).read_text(encoding="utf-8") == text, f"{name}: run tests/trace/make_examples.py"
+    for name in (*maker.made(), "run.csv", "run.json"):
+        found = running(read_recording(maker.EXAMPLES / name)[0])
+        assert {task.split("-")[0]: time for task, time in found.items()} == truth, name
