@@ -92,8 +92,15 @@ class DistributedFusion(Experiment[LaserTeam]):
         ]
         across = axis("period", range=[-1, PERIODS])
         return stack(
-            Panel([*bars, taken], y, x, title="Windows on the global clock", height=1.0, left=96),
-            Panel(drawn, axis("apart [ms]", range=[-5, 205]), across, title="Timestamps that one fusion works on", left=96),
+            Panel([*bars, taken], y, x, title="Windows on the global clock", height=0.8, left=96),
+            Panel(
+                drawn,
+                axis("apart [ms]", range=[-5, 205]),
+                across,
+                title="Timestamps that one fusion works on",
+                height=1.2,
+                left=96,
+            ),
             height=470,
         )
 

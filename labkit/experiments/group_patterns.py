@@ -98,7 +98,7 @@ class OneLoss(Experiment[tuple[Turn, ...]]):
     """
 
     step: Annotated[int, Interval(ge=0, le=MOST_STEPS), View(), Doc("how many transmissions have happened")] = MOST_STEPS
-    lost: Annotated[
+    missing: Annotated[
         Literal["nothing", "poll", "answer", "to S0", "to S1", "to S2"], Labels(WHAT), Doc("the transmission that is lost")
     ] = "answer"
     slot: Annotated[int, Interval(ge=0, le=8), Doc("in which slot; slot k belongs to station k mod the number of stations")] = 1
@@ -108,12 +108,12 @@ class OneLoss(Experiment[tuple[Turn, ...]]):
 
     def without_effect(self) -> Mapping[str, str]:
         idle = {"slot": "when something is lost", "rounds": "when something is lost"}
-        return idle if self.lost == "nothing" else {}
+        return idle if self.missing == "nothing" else {}
 
     def run(self) -> tuple[Turn, ...]:
-        what: Any = int(self.lost[-1]) if self.lost.startswith("to S") else self.lost
+        what: Any = int(self.missing[-1]) if self.missing.startswith("to S") else self.missing
         slots = range(self.slot, self.slot + self.rounds * self.stations, self.stations)
-        lost = frozenset() if self.lost == "nothing" else frozenset((slot, what) for slot in slots)
+        lost = frozenset() if self.missing == "nothing" else frozenset((slot, what) for slot in slots)
         return play(Group(self.stations, self.omission_degree), 1, lost)
 
     def figure(self, result: tuple[Turn, ...]) -> dict[str, Any]:

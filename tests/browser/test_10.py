@@ -13,9 +13,10 @@ def test_group_communication(open_notebook):
     def bench(code: str):
         found = nb.page.locator(".lab-bench").filter(has=nb.page.locator(".lab-code", has_text=code)).first
         found.evaluate("bench => bench.scrollIntoView({ block: 'start' })")
-        nb.page.wait_for_timeout(600)
-        if found.locator(".lab-lift").is_visible():
+        expect(found.locator(".lab-lift:visible, .lab-metric:visible").first).to_be_visible(timeout=60_000)
+        if found.locator(".lab-lift").is_visible():  # it comes into view only now
             found.locator(".lab-lift").click()
+        expect(found.locator(".lab-metric").first).to_be_visible()
         return found
 
     four = bench("GroupCommunication(")

@@ -59,11 +59,11 @@ def test_a_larger_degree_buys_share_and_costs_delay():
 
 
 def test_one_lost_acknowledgement_costs_a_round_and_a_repetition():
-    assert OneLoss(lost="nothing").values()["cost"] == 0
+    assert OneLoss(missing="nothing").values()["cost"] == 0
     for stations, slot, cost in ((2, 1, 2), (3, 2, 3), (3, 1, 2)):  # of three, one waits for S2 anyway
         values = OneLoss(stations=stations, slot=slot).values()
         assert values["cost"] == cost and values["times sent"] == 2
-    lost_for_good = OneLoss(lost="to S1", slot=0, rounds=5)
+    lost_for_good = OneLoss(missing="to S1", slot=0, rounds=5)
     assert lost_for_good.values()["delivered by all after"] is None
 
 
