@@ -63,10 +63,8 @@ def test_help_states_the_limits_that_hold():
     assert f"trace {source.MOST_BYTES >> 20} MiB, JSON {chrome.MOST_BYTES >> 20} MiB;" in told
     assert f"replay {mib} MiB, 1000 tasks, {read.LAST_TICK} ticks, {play.MOST_EVENTS} events;" in told
     assert f"schedule {mib} MiB, {taskfile.MOST_TASKS} tasks, {taskfile.MOST_JOBS} jobs;" in told
-    assert (
-        f"windows {mib} MiB, {chainfile.MOST_PARTS} parts; cache {references.MOST_IN_FILE} references, text {text.MOST_BYTES >> 30} GiB;"
-        in told
-    )
+    assert f"windows {mib} MiB, {chainfile.MOST_PARTS} parts;" in told
+    assert f"cache {references.MOST_IN_FILE} references, text {text.MOST_BYTES >> 30} GiB;" in told
     assert f"track {mib} MiB, {tracks.MOST_TRACKS} tracks, {tracks.MOST_PREDICTIONS} predictions." in told
 
 
