@@ -58,10 +58,10 @@ class OwnRecording(Experiment[Recorded]):
     headline: ClassVar[tuple[str, ...]] = ("recorded", "stretches", "lines repaired or left out")
 
     file: Annotated[str, MaxLen(300), Doc("name or path of the recording; nothing: the excerpt published in source 1")] = ""
-    start: Annotated[
-        float, Interval(ge=0, le=LONGEST), MultipleOf(0.001), Unit("ms"), View(), Doc("left edge of the picture")
-    ] = 0.0
-    end: Annotated[float, Interval(ge=0, le=LONGEST), MultipleOf(0.001), Unit("ms"), View(), Doc("right edge of the picture")] = (
+    start: Annotated[float, Interval(ge=0, le=LONGEST), MultipleOf(0.01), Unit("ms"), View(), Doc("left edge of the picture")] = (
+        0.0
+    )
+    end: Annotated[float, Interval(ge=0, le=LONGEST), MultipleOf(0.01), Unit("ms"), View(), Doc("right edge of the picture")] = (
         float(LONGEST)
     )
 

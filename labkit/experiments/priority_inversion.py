@@ -15,10 +15,10 @@ from labkit.kernel import Kernel, Run
 from labkit.scheduler import CriticalSection, PeriodicTask, blocking_bounds
 
 PROTOCOLS = {
-    "freertos": "mutex, FreeRTOS's inheritance",
-    "inheritance": "mutex, textbook inheritance",
-    "ceiling": "mutex, immediate priority ceiling",
-    "none": "mutex without any protocol",
+    "freertos": "FreeRTOS's inheritance",
+    "inheritance": "textbook inheritance",
+    "ceiling": "immediate ceiling",
+    "none": "no protocol",
 }
 Protocol = Annotated[
     Literal["freertos", "inheritance", "ceiling", "none"],
@@ -106,10 +106,7 @@ class PriorityInversion(Experiment[tuple[Contest, Contest]]):
         return Contest.of(run, "H", self.release_H, inversions(run.trace, BASE))
 
     def figure(self, result: tuple[Contest, Contest]) -> dict[str, Any]:
-        titles = (
-            "Binary semaphore: no owner, no inheritance",
-            PROTOCOLS[self.protocol].capitalize().replace("freertos", "FreeRTOS"),
-        )
+        titles = ("Binary semaphore: no owner, no inheritance", f"Mutex: {PROTOCOLS[self.protocol]}")
         panels: list[Panel] = []
         for title, contest in zip(titles, result, strict=True):
             words = f"{contest.response:g} ms, {contest.blocked:g} ms blocked"

@@ -44,7 +44,7 @@ def steps(
     """
     drawn = [_line(s, end) for s in lines] + [_points(m) for m in marks]
     most = max((s.value.max(initial=0) for s in lines), default=0) if top is None else top
-    few = {"dtick": 1} if most <= 8 else {}  # a tick for each then, else plotly draws halves
+    few = {"dtick": 1 if most <= 4 else 2} if most <= 8 else {}  # plotly would draw halves of what is counted
     ends = {"rangemode": "tozero"} if top is None else {"range": [0, top], "fixedrange": True}
     return Panel(drawn, axis(title, **ends, **few), **more)
 

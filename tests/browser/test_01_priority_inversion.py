@@ -99,7 +99,7 @@ def test_priority_inversion(open_notebook):
     after = changed(nb, figure, before)
     expect(bench.locator(".lab-metrics")).to_contain_text("14 ms")
 
-    bench.locator(".lab-protocol select").select_option("mutex, immediate priority ceiling")
+    bench.locator(".lab-protocol select").select_option("immediate ceiling")
     changed(nb, figure, after)
     expect(bench.locator(".lab-code")).to_have_text("PriorityInversion(hold=7, protocol='ceiling')")
 
