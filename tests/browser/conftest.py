@@ -57,6 +57,11 @@ DONE = f"""() => {{ {_CURRENT}
 #: Not awaited: an evaluation in the page has no time-out. Outputs go first, else a second run looks done at once.
 RUN_ALL = """() => { const commands = window.jupyterapp.commands;
     commands.execute('notebook:clear-all-cell-outputs').then(() => { commands.execute('notebook:run-all-cells') }) }"""
+#: Press "Show me" on every bench that is veiled; true when none is.
+LIFT = """() => {
+    const veils = [...document.querySelectorAll('.lab-veil:not([hidden]) .lab-lift')];
+    veils.forEach(button => button.click());
+    return veils.length === 0 }"""
 SHUT_DOWN = "() => { window.jupyterapp?.shell?.currentWidget?.sessionContext?.shutdown() }"
 
 
@@ -80,9 +85,8 @@ class Notebook:
         self.page.evaluate(RUN_ALL)
         outcome = self.page.wait_for_function(DONE, timeout=timeout, polling=100).json_value()
         assert outcome == "ok", outcome
-        while lift and self.page.locator(".lab-veil:visible").count():
-            self.page.locator(".lab-lift:visible").first.click()
-            self.page.wait_for_timeout(100)
+        if lift:
+            self.page.wait_for_function(LIFT, timeout=timeout, polling=200)
 
     def cell(self, index: int) -> Locator:
         """Cell by its place in the notebook, text cells counted too, from 0."""
