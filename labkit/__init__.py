@@ -12,6 +12,7 @@ _HOME = {
     "explore": "labkit.bench",
     "predict": "labkit.bench",
     "guesses": "labkit.bench",
+    "task_set_editor": "labkit.bench",
     "sweep": "labkit.sweeping",
     "published": "labkit.data",
     "published_table": "labkit.data",

@@ -83,13 +83,17 @@ def read_text(path: str | os.PathLike[str]) -> str:
 
 def read_json(path: str | os.PathLike[str]) -> Any:
     """The JSON value in a file; ValueError if it is none (NaN is none, nor is a key that comes twice) or too long, OSError."""
-    text = read_text(path)
+    return json_value(read_text(path), str(path))
+
+
+def json_value(text: str, name: str) -> Any:
+    """The JSON value that a text is; ValueError as `read_json`, in which `name` says what was read."""
     try:
         return json.loads(text, parse_constant=_no_number, object_pairs_hook=_object)
     except RecursionError:
-        raise ValueError(f"{path} is not JSON that can be read: it is nested too deeply") from None
+        raise ValueError(f"{name} is not JSON that can be read: it is nested too deeply") from None
     except ValueError as error:
-        raise ValueError(f"{path} is not JSON: {error}") from None
+        raise ValueError(f"{name} is not JSON: {error}") from None
 
 
 def _no_number(word: str) -> NoReturn:

@@ -45,6 +45,7 @@ MODULES: dict[str, str] = {
     "StarvedPair": "schedulability",
     "ExpectedTime": "acceptance",
     "AcceptanceCurves": "acceptance",
+    "OwnTaskSet": "own_tasks",
     "PhaseWindows": "taft_phases",
     "SixDesigns": "taft_phases",
     "Timeliness": "taft_phases",
