@@ -54,44 +54,15 @@ class Core:
         log: takes rows (time, kind, task, other, value, extra) of the trace, one or several in a row.
     """
 
+    # Without slots, Python looks up an attribute of an object with this many of them in a dictionary.
+    # fmt: off
     __slots__ = (
-        "_room",
-        "_sequence",
-        "beat",
-        "codes",
-        "costs",
-        "critical",
-        "daemon",
-        "delayed",
-        "devices",
-        "ended",
-        "entered",
-        "every_tick",
-        "flagged",
-        "handling",
-        "heap",
-        "held",
-        "idle",
-        "isr",
-        "journal",
-        "log",
-        "mask",
-        "now",
-        "one_pending",
-        "origin",
-        "postponed",
-        "prices",
-        "ready",
-        "running",
-        "suspended",
-        "switch_cost",
-        "switch_wanted",
-        "textbook",
-        "tick",
-        "ticks",
-        "time_slicing",
-        "until",
+        "_room", "_sequence", "beat", "codes", "costs", "critical", "daemon", "delayed", "devices", "ended", "entered",
+        "every_tick", "flagged", "handling", "heap", "held", "idle", "isr", "journal", "log", "mask", "now", "one_pending",
+        "origin", "postponed", "prices", "ready", "running", "suspended", "switch_cost", "switch_wanted", "textbook", "tick",
+        "ticks", "time_slicing", "until",
     )
+    # fmt: on
     running: Task
     idle: Task
     isr: Interrupt
@@ -232,15 +203,19 @@ class Core:
         first, the next call goes on.
         """
         at, count = self.now, 0
+        lowest, urgent = self.devices.lowest, self.devices.urgent
         while True:
-            if self.devices.urgent and (first := self.devices.take_urgent(self.now, self._preempted())):
+            if urgent and (first := self.devices.take_urgent(self.now, self._preempted())):
+                if not self.held and tick_due >= self.now:
+                    self.ticks = max(self.ticks, (self.now - self.origin - 1) // self.tick)  # as below, one that is due now apart
                 self._handle_device(first)
             elif tick_due <= self.now:
                 self._tick(tick_due)
+                tick_due += self.tick  # the earliest at which another one can be due
             else:
                 if not self.held:
                     self.ticks = (self.now - self.origin) // self.tick  # the ticks passed over meant nothing
-                if self.devices.lowest and self.devices.lowest[0][0] <= self.now and not self.critical:
+                if lowest and lowest[0][0] <= self.now and not self.critical:
                     self._handle_device(self.devices.take_lowest())
                 elif self.switch_wanted and not self.held:
                     before = self.now
@@ -251,12 +226,13 @@ class Core:
                     return
             if self.now >= self.until:
                 return
+            if self.now != at or tick_due <= self.now:
+                tick_due = self.tick_due()
             if self.now != at:
                 at, count = self.now, 0
             count += 1
             if count == ZERO_TIME_LIMIT:
                 raise ValueError(f"{count} device interrupts in a row up to cycle {at}; no task gets to run between them")
-            tick_due = self.tick_due()
 
     def _tick(self, due: int) -> None:
         if self.held:
@@ -420,7 +396,6 @@ class Core:
             self.must_not_be_held(task, "waits")
         task.pending = pending
         task.state = BLOCKED
-        self.ready.remove(task)
         if until < FOREVER:
             self._sequence = task.alarm = alarm = self._sequence + 1
             delayed = self.delayed
@@ -428,10 +403,11 @@ class Core:
             if len(delayed) > self._room:
                 self._forget_old_alarms()
         if self.switch_cost:
+            self.ready.remove(task)
             self.reschedule()
         else:  # the same in short, since every job comes by here
             self.switch_wanted = False
-            self.running = chosen = self.ready.select()
+            self.running = chosen = self.ready.replaced(task)
             self.log((self.now, SWITCH, chosen.code, task.code, chosen.priority, BLOCKED))
 
     def _forget_old_alarms(self) -> None:

@@ -260,6 +260,17 @@ class ReadyLists:
         if len(ring) == 1:
             self.occupied ^= self.bits[task.priority]
 
+    def replaced(self, running: Task) -> Task:
+        """Remove the task that was selected last, and select the next one."""
+        ring = self.rings[running.priority]
+        if ring[-1] is not running:  # it has been moved since
+            self.remove(running)
+        else:
+            ring.pop()
+            if len(ring) == 1:
+                self.occupied ^= self.bits[running.priority]
+        return self.select()
+
     def select(self) -> Task:
         """The next task of the highest priority that has one; there always is one, the idle task."""
         ring = self.rings[self.occupied.bit_length() - 1]
