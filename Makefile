@@ -27,7 +27,7 @@ install = $(UV) pip install --python $(VENV)/bin/python $(1) || $(PIP) install -
 
 unexport PYTHONDONTWRITEBYTECODE  # else everything would be compiled again at every start
 
-.PHONY: help lab test check fuzz bench notebooks lock clean
+.PHONY: help lab test check fuzz bench notebooks stills lock clean
 
 help:
 	@echo "make lab         install what is missing and open the lab in $(MINE), your own copy (NOTEBOOK=... opens another one)"
@@ -36,6 +36,7 @@ help:
 	@echo "make fuzz        damaged input for every reader and command, $(FUZZ_INPUTS) pieces each (FUZZ_INPUTS=...)"
 	@echo "make bench       measure speed: simulation, start-up, slider to picture"
 	@echo "make notebooks   run every notebook and store the text that its checked cells print, and nothing else"
+	@echo "make stills      draw the pictures of the README anew, from the experiments"
 	@echo "make lock        choose the newest allowed versions and write requirements.lock and requirements-test.lock"
 	@echo "make clean       remove the environment and everything generated"
 	@echo "PYTHON=python3.12 in front or behind chooses the interpreter (3.11 to 3.14)."
@@ -63,6 +64,9 @@ bench: $(TOOLS)
 
 notebooks: $(TOOLS)
 	$(VENV)/bin/python tests/notebooks/store_outputs.py
+
+stills: $(TOOLS)
+	PYTHONPATH=. $(VENV)/bin/python tests/notebooks/make_stills.py
 
 # Locked packages with checked hashes first (uv itself before the others), then the lab, built with what is already there.
 $(LAB): requirements.lock pyproject.toml | $(VENV)/bin/python
