@@ -27,3 +27,19 @@ def refused(answer: Any, given: Experiment[Any], *movable: str) -> Feedback | No
     if moved:
         return Feedback(False, f"move {' and '.join(movable)} only; leave {', '.join(moved)}.")
     return None
+
+
+def called(answer: Any, like: str, *arguments: Any) -> Any:
+    """What a function of the reader's returns, or a sentence (Feedback) where it is none or breaks off.
+
+    Args:
+        answer: whatever was typed.
+        like: what it should look like.
+        arguments: what it is called with.
+    """
+    if not callable(answer):
+        return Feedback(False, f"the answer is {shown(answer)}; it has to be a function, like {like}.")
+    try:
+        return answer(*arguments)
+    except Exception as error:  # the reader's own code may break in any way
+        return Feedback(False, f"your function breaks off with {type(error).__name__}: {str(error).rstrip('.')}.")

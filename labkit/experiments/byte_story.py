@@ -22,6 +22,7 @@ class Stage:
         lanes: CPU and DMA show what they last wrote or got (of a modify what they got), cache and memory what they hold.
         moves: which bytes went where during this stage.
         wrong: reads of this stage that missed the latest write. lost: lines dropped although they were dirty.
+        touched: lines that the driver's operations cleaned or dropped.
     """
 
     label: str
@@ -30,6 +31,7 @@ class Stage:
     moves: tuple[Move, ...]
     wrong: tuple[Violation, ...]
     lost: int
+    touched: int
 
 
 class Story:
@@ -57,16 +59,17 @@ class Story:
         yield
         moves: list[Move] = []
         wrong: list[Violation] = []
-        lost = 0
+        lost = touched = 0
         for record in self.cache.log[start:]:
             stale = self._coherence.follow(record)
             if not isinstance(record, Operation):
                 self._note(record, stale)
             else:
                 lost += len(record.lost)
+                touched += len({*record.written_back, *record.dropped})
             moves += self._moves(record)
             wrong += stale
-        self._stages.append(Stage(label, text, self._lanes(), tuple(moves), tuple(wrong), lost))
+        self._stages.append(Stage(label, text, self._lanes(), tuple(moves), tuple(wrong), lost, touched))
 
     def stages(self) -> list[Stage]:
         """All stages so far."""

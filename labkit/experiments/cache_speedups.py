@@ -5,13 +5,15 @@ from __future__ import annotations
 import csv
 from dataclasses import dataclass
 from functools import cache
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from annotated_types import Interval, MultipleOf, Unit
 from typing_extensions import Doc
 
+from labkit.checks import shown
 from labkit.data import published
 from labkit.experiment import Experiment, Feedback, Labels, Metric, View
+from labkit.experiments.answers import called
 from labkit.figures import Factor, Pair, axis, colours, dumbbells, factors, stack
 
 PLATFORMS = ("micro-ROS", "FreeRTOS")
@@ -63,6 +65,11 @@ def change(platform: str, name: str, rates: str = "100|50") -> float:
     return 100 * (on / off - 1)
 
 
+def change_of_one(platform: str, name: str, rates: str = "100|50") -> float:
+    """Change of the mean duration of one activation from caches off to on, in %."""
+    return 100 * (1 / measured_factor(platform, name, rates) - 1)
+
+
 GUESSED = {
     "wheel_ctrl": ("FreeRTOS", "wheel_ctrl"),
     "odometry": ("FreeRTOS", "odometry"),
@@ -103,7 +110,7 @@ class SpeedupGuess(Experiment[dict[str, tuple[float, ...]]]):
             for key, (_, name) in GUESSED.items()
         ]
         x = axis("time without caches / time with caches", range=[0, 10.2])
-        return stack(factors(rows, x, guess="your guess"), height=390, keys=["measured (source 1)"])
+        return stack(factors(rows, x, guess="your guess"), height=380, keys=["measured (source 1)"])
 
     def metrics(self, result: dict[str, tuple[float, ...]]) -> list[Metric]:
         found = []
@@ -125,8 +132,11 @@ class SpeedupGuess(Experiment[dict[str, tuple[float, ...]]]):
 class PublishedSpeedups(Experiment[dict[str, list[Pair]]]):
     """What did the caches bring? All of tables 2 to 9 as one picture.
 
-    Each row is a task, each line one pair of recordings: open without caches, filled with both caches on.
+    Each row is a task, each line one pair of recordings: open without caches, filled with both caches on. The cards compare what
+    the text says of the sums at 100|50 Hz.
     """
+
+    headline: ClassVar[tuple[str, ...]] = ("printed and recomputed alike", "IDLE, FreeRTOS", "largest gap to one activation")
 
     quantity: Annotated[
         Literal["mean", "share"],
@@ -156,10 +166,10 @@ class PublishedSpeedups(Experiment[dict[str, list[Pair]]]):
     def figure(self, result: dict[str, list[Pair]]) -> dict[str, Any]:
         title, low, high = ("mean duration [us]", 2, 5000) if self.quantity == "mean" else ("share of all time [%]", 0.01, 400)
         series = (f"{RATES[0]} Hz", f"{RATES[1]} Hz")
-        return dumbbells(result, series, title, low, high, height=660)
+        return dumbbells(result, series, title, low, high, height=520)
 
     def metrics(self, result: dict[str, list[Pair]]) -> list[Metric]:
-        return [
+        found = [
             Metric(
                 f"{name}, {platform}",
                 round(change(platform, name), 2),
@@ -170,13 +180,23 @@ class PublishedSpeedups(Experiment[dict[str, list[Pair]]]):
             )
             for (platform, name), printed in CLAIMS.items()
         ]
+        right = sum(bool(metric.good) for metric in found)
+        apart = max(abs(change(*row) - change_of_one(*row)) for row in CLAIMS if row[1] != "IDLE")
+        note = "of a control function: its sum also changes because the recordings have unequal numbers of activations"
+        return [
+            Metric("printed and recomputed alike", right, f"of {len(found)}", good=right == len(found)),
+            *found,
+            Metric("largest gap to one activation", round(apart, 2), "points", note=note),
+        ]
 
 
 # Exercises: each asks the tables
 
 
-def check_wrong_total(table: int) -> Feedback:
+def check_wrong_total(table: Any) -> Feedback:
     """Clue 1: the table whose printed total is not the sum of its rows."""
+    if type(table) is not int:
+        return Feedback(False, f"the answer is {shown(table)}; it has to be the number of a table, like 2.")
     with open(published("xu2025_stated_totals.csv"), newline="", encoding="utf-8") as file:
         stated = {int(r["thesis_table"]): (r, int(r["stated_sum_us"])) for r in csv.DictReader(file)}
     if table not in stated:
@@ -187,13 +207,23 @@ def check_wrong_total(table: int) -> Feedback:
 
 
 def check_idle_formula(formula: Any) -> Feedback:
-    """Clue 2: a function of the idle sums (off, on) that gives the printed 14.88 %."""
+    """Clue 2: a function of the idle sums (off, on) that gives the printed 14.88 %, and 0 where nothing changes."""
     off, on = (recordings()["FreeRTOS", "100|50", caches]["IDLE"].total for caches in ("off", "on"))
-    value = formula(off, on)
-    return Feedback(
-        round(value, 2) == CLAIMS["FreeRTOS", "IDLE"],
-        f"your formula gives {value:.2f} %, the text prints {CLAIMS['FreeRTOS', 'IDLE']} %.",
-    )
+    printed, values = CLAIMS["FreeRTOS", "IDLE"], []
+    for sums in ((off, on), (off, off), (2 * off, 2 * on)):  # the others unmask a constant
+        value = called(formula, "lambda off, on: 100 * (on - off) / off", *sums)
+        if isinstance(value, Feedback):
+            return value
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            return Feedback(False, f"your formula returns {shown(value)}; it has to be a number, in percent.")
+        values.append(round(value, 2))
+    if values[1] or values[2] != values[0]:
+        return Feedback(
+            False,
+            f"your formula gives {values[0]:.2f} %, but {values[1]:.2f} % for equal sums and {values[2]:.2f} % for both doubled; "
+            "a change in percent is 0 for equal sums and does not depend on their size.",
+        )
+    return Feedback(values[0] == printed, f"your formula gives {values[0]:.2f} %, the text prints {printed} %.")
 
 
 def check_sample_difference(platform: str, rates: str) -> Feedback:
@@ -202,5 +232,5 @@ def check_sample_difference(platform: str, rates: str) -> Feedback:
         return Feedback(False, f"choose a platform of {', '.join(PLATFORMS)} and rates of {', '.join(RATES)}.")
     off, on = (sum(row.total for row in recordings()[platform, rates, caches].values()) for caches in ("off", "on"))
     return Feedback(
-        abs(on - off) == 349_045, f"the two recordings of {platform} at {rates} Hz differ by {abs(on - off) / 1000:.3f} ms."
+        abs(on - off) == 349_045, f"the two sums of {platform} at {rates} Hz differ by {abs(on - off) / 1000:.3f} ms."
     )

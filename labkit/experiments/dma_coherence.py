@@ -17,6 +17,7 @@ from labkit.figures import ORANGE, SKY, YELLOW, Span, lanes
 
 WINDOW = 2 * LINE
 SIZE = 32  # of the buffer in `DmaCoherence`
+SENT, READ, LAST = 6, 8, 9  # its steps after which a device has got all, the CPU has read the buffer, all is told
 SRAM, DTCM = 0x2002_0100, 0x2000_0100  # where the window begins
 PLACES: dict[str, tuple[int, tuple[MpuRegion, ...]]] = {
     "cached": (SRAM, ()),
@@ -42,14 +43,12 @@ class Outcome:
         arrived: per byte of the buffer whether the receiver (the device, or the CPU) got the newest one.
         neighbour: whether the CPU reads back what it last wrote into the neighbour.
         causes: what went wrong, the most frequent byte first; empty if nothing did.
-        lines: cache lines the driver's operations cleaned or dropped.
     """
 
     stages: list[Stage]
     arrived: tuple[bool, ...]
     neighbour: bool
     causes: tuple[str, ...]
-    lines: int
 
 
 def causes_of(stages: Sequence[Stage]) -> tuple[str, ...]:
@@ -61,26 +60,35 @@ def causes_of(stages: Sequence[Stage]) -> tuple[str, ...]:
     return tuple(cause for cause, _ in count.most_common())
 
 
+def wrong(causes: Sequence[str]) -> str:
+    """The causes in the words of a card."""
+    return "nothing" if not causes else causes[0] if len(causes) == 1 else f"{causes[0]} (and {len(causes) - 1} more)"
+
+
+def known(metric: Metric, now: bool) -> Metric:
+    """The metric, or as long as the story is not told so far, its place."""
+    return metric if now else Metric(metric.name, None, note="the story is not told so far")
+
+
 def remark(stage: Stage) -> str:
     """What went wrong in a stage, in a line; nothing if nothing did."""
     if not stage.wrong:
-        return ""
+        return f"dirty lines dropped: {stage.lost}; what the CPU wrote there is gone" if stage.lost else ""
     size = sum(v.size for v in stage.wrong)
     causes = ", ".join(dict.fromkeys(v.cause for v in stage.wrong))
     return f"the {stage.wrong[0].reader} gets {size} stale byte{'s' * (size != 1)}: {causes}"
 
 
-def picture(stages: Sequence[Stage], shown: int, first: int, spans: Sequence[Span], headline: str = "") -> dict[str, Any]:
-    """The lanes after stage number `shown`."""
+def picture(stages: Sequence[Stage], shown: int, first: int, spans: Sequence[Span], more: str = "") -> dict[str, Any]:
+    """The lanes after stage number `shown`, with `more` behind the sentence that says what happens in it."""
     stage = stages[shown]
-    gone = f"<br>Dirty lines dropped: {stage.lost}. What the CPU wrote there is gone." if stage.lost else ""
     return lanes(
         stage.lanes,
         first,
         LINE,
         spans=spans,
         moves=stage.moves,
-        headline=(headline or stage.text) + gone,
+        says=f"Step {shown} of {len(stages) - 1}: {stage.text}{more and f' {more}'}",
         remark=remark(stage),
         stages=[s.label for s in stages],
         stage=shown,
@@ -95,7 +103,7 @@ class DmaCoherence(Experiment[Outcome]):
     through the story; change what the driver does, what happens meanwhile, and where the buffer lies.
     """
 
-    step: Annotated[int, Interval(ge=0, le=9), View(), Doc("how far the story is told")] = 0
+    step: Annotated[int, Interval(ge=0, le=9), View(play=True), Doc("how far the story is told")] = 9
     direction: Annotated[
         Literal["transmit", "receive"],
         Labels({"transmit": "transmit (DMA reads)", "receive": "receive (DMA writes)"}),
@@ -188,14 +196,12 @@ class DmaCoherence(Experiment[Outcome]):
 
         sent = b"".join(r.data for r in cache.log if isinstance(r, Transfer) and r.op == "dma read")
         got, wanted = (sent, PACKET) if transmit else (read, NEW)
-        touched = sum(len(set(r.written_back) | set(r.dropped)) for r in cache.log if isinstance(r, Operation))
         stages = [self._named(stage) for stage in story.stages()]
         return Outcome(
             stages,
             tuple(a == b for a, b in zip(got, wanted, strict=True)),
             value == (BEFORE if self.neighbour == "alone" else AFTER),
             causes_of(stages),
-            touched,
         )
 
     def _named(self, stage: Stage) -> Stage:
@@ -216,18 +222,21 @@ class DmaCoherence(Experiment[Outcome]):
         got = {(True, True): "everything", (True, False): "the first half", (False, True): "the other half"}.get(
             halves, "parts of it" if any(result.arrived) else "nothing of it"
         )
-        receiver = "the receiver is the device" if self.direction == "transmit" else "the receiver is the CPU"
-        more = f" (and {len(result.causes) - 1} more)" if len(result.causes) > 1 else ""
+        receiver, done = ("device", SENT) if self.direction == "transmit" else ("CPU", READ)
+        told, causes = result.stages[: self.step + 1], causes_of(result.stages[: self.step + 1])
         return [
-            Metric("the receiver got", got, good=all(result.arrived), note=receiver),
-            Metric("neighbour", "intact" if result.neighbour else "destroyed", good=result.neighbour),
+            known(
+                Metric("the receiver got", got, good=all(result.arrived), note=f"the receiver is the {receiver}"),
+                self.step >= done,
+            ),
+            known(Metric("neighbour", "intact" if result.neighbour else "destroyed", good=result.neighbour), self.step == LAST),
             Metric(
                 "what went wrong",
-                result.causes[0] + more if result.causes else "nothing",
-                good=not result.causes,
-                note=REASONS[result.causes[0]] if result.causes else "",
+                wrong(causes),
+                good=not causes if causes or self.step == LAST else None,
+                note=REASONS[causes[0]] if causes else "",
             ),
-            Metric("lines cleaned or dropped", result.lines),
+            Metric("lines cleaned or dropped", sum(stage.touched for stage in told), note="by the driver, so far"),
         ]
 
 
@@ -251,7 +260,7 @@ class Alignment(Experiment[tuple[list[Stage], Operation, int]]):
     buffer have just been written by the CPU, so they are dirty. Clean is followed by a transmission, the others by a reception.
     """
 
-    step: Annotated[int, Interval(ge=0, le=3), View(), Doc("how far the story is told")] = 3
+    step: Annotated[int, Interval(ge=0, le=3), View(play=True), Doc("how far the story is told")] = 3
     operation: Annotated[
         Literal["clean", "invalidate", "clean+invalidate"],
         Labels({"clean": "clean (transmit)", "invalidate": "invalidate (receive)", "clean+invalidate": "clean and invalidate"}),
@@ -281,16 +290,17 @@ class Alignment(Experiment[tuple[list[Stage], Operation, int]]):
                 if transmit or not self.offset <= column < end:
                     cache.write(first + column, bytes([value]))
         if transmit:
-            with story.stage("clean", ""):
+            with story.stage("clean", "The driver cleans the buffer's lines."):
                 done = operate()
-            with story.stage("DMA reads", ""):
+            with story.stage("DMA reads", "The DMA reads the buffer and sends it."):
                 story.dma.read(buffer, self.size)
         else:
-            with story.stage("DMA writes", ""):
+            with story.stage("DMA writes", "The DMA writes what it has received into the buffer, in memory."):
                 story.dma.write(buffer, (b"FRAME." * LINE)[: self.size])
-            with story.stage(self.operation.replace("+", " and "), ""):
+            act_name = self.operation.replace("+", " and ")
+            with story.stage(act_name, f"Driver: {act_name} the buffer's lines."):
                 done = operate()
-        with story.stage("CPU reads", ""):
+        with story.stage("CPU reads", "The CPU reads all of it."):
             cache.read(first, WINDOW)
         stages = story.stages()
         return stages, done, sum(v.size for stage in stages for v in stage.wrong)
@@ -309,22 +319,17 @@ class Alignment(Experiment[tuple[list[Stage], Operation, int]]):
         if done.missed:
             spans.append(Span("missed", worked, end, 1, ORANGE))
         asked = f"{self.size} + {self.offset} = {self.size + self.offset}" if self.size_rule == "with_offset" else f"{self.size}"
-        arithmetic = f"0x{SRAM + self.offset:08X} & ~0x1F = 0x{worked_on.start:08X},  {asked} bytes: {lines}"
+        arithmetic = f"0x{SRAM + self.offset:08X} & ~0x1F = 0x{worked_on.start:08X}, {asked} bytes: {lines}."
         return picture(stages, self.step, SRAM, [span for span in spans if span.stop > span.start], arithmetic)
 
     def metrics(self, result: tuple[list[Stage], Operation, int]) -> list[Metric]:
         stages, done, stale = result
         missed = done.missed[1] if done.missed else 0
         causes = causes_of(stages)
+        others, end = sum(size for _, size in done.neighbours), self.step == len(stages) - 1
         return [
+            known(Metric("stale bytes read in the end", stale, good=not stale), end),
+            known(Metric("what went wrong", wrong(causes), good=not causes, note=CAUSES[causes[0]] if causes else ""), end),
+            Metric("bytes of others worked on", others, note="harmless to clean, deadly to invalidate"),
             Metric("bytes of the buffer missed", missed, good=not missed),
-            Metric(
-                "bytes of others worked on",
-                sum(size for _, size in done.neighbours),
-                note="harmless to clean, deadly to invalidate",
-            ),
-            Metric("stale bytes read in the end", stale, good=not stale),
-            Metric(
-                "what went wrong", causes[0] if causes else "nothing", good=not causes, note=CAUSES[causes[0]] if causes else ""
-            ),
         ]

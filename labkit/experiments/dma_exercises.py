@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
+from typing import Any
 
 from labkit.cache import CAUSES, WRITE_BACK, Access, Cache, Dma, MpuRegion, Transfer, evict, stm32f767, violations
+from labkit.checks import shown
 from labkit.experiment import Feedback
+from labkit.experiments.answers import called
 from labkit.experiments.byte_story import LINE
 from labkit.experiments.dma_coherence import DmaCoherence
 from labkit.experiments.dma_session import HEAP_SIZE, HEAPS, agent, send
@@ -15,10 +18,12 @@ BUFFER = 0x2002_0400
 FRAME = bytes(range(1, 2 * LINE + 1))
 
 
-def check_failures(collection: Sequence[DmaCoherence]) -> Feedback:
+def check_failures(collection: Any) -> Feedback:
     """Exercise 1: settings of the bench that show all six documented failures between them."""
-    shown = {cause for experiment in collection for cause in experiment.run().causes}
-    missing = [cause for cause in DOCUMENTED if cause not in shown]
+    if not isinstance(collection, list | tuple) or not all(isinstance(each, DmaCoherence) for each in collection):
+        return Feedback(False, f"the answer is {shown(collection)}; it has to be a list of settings, like [DmaCoherence()].")
+    found = {cause for experiment in collection for cause in experiment.run().causes}
+    missing = [cause for cause in DOCUMENTED if cause not in found]
     return Feedback(
         not missing,
         f"{len(DOCUMENTED) - len(missing)} of {len(DOCUMENTED)} failures"
@@ -26,14 +31,19 @@ def check_failures(collection: Sequence[DmaCoherence]) -> Feedback:
     )
 
 
-def check_rounding(rounded: Callable[[int, int], tuple[int, int]]) -> Feedback:
+def check_rounding(rounded: Callable[[int, int], Any]) -> Feedback:
     """Exercise 2: what to pass to a clean that works on whole lines and does not round by itself, for a buffer anywhere."""
     cache = Cache(stm32f767())
     dma = Dma(cache.memory)
     for offset in range(LINE):
         for size in range(1, 2 * LINE + 2):
             address, where = BUFFER + offset, f"for the buffer at {BUFFER + offset:#x} with size {size}"
-            start, length = rounded(address, size)
+            asked = called(rounded, "rounded(address, size)", address, size)
+            if isinstance(asked, Feedback):
+                return asked
+            if not (isinstance(asked, tuple) and len(asked) == 2 and all(type(each) is int for each in asked)):
+                return Feedback(False, f"{where} you return {shown(asked)}; it has to be two whole numbers, address and size.")
+            start, length = asked
             if start % LINE or length < 0:
                 return Feedback(False, f"{where} you pass {start:#x} and {length}; the address must lie on a line.")
             cache.log.clear()
@@ -83,7 +93,9 @@ def check_receive_driver(driver: Callable[[Cache, Dma, int, bytes], bytes]) -> F
                 cache.read(BUFFER, len(FRAME))
             elif held == "a dirty copy":
                 cache.write(BUFFER, bytes(len(FRAME)))
-            got = driver(cache, dma, BUFFER, FRAME)
+            got = called(driver, "receive(cache, dma, buffer, frame)", cache, dma, BUFFER, FRAME)
+            if isinstance(got, Feedback):
+                return got
             scene = f"the cache held {held} of the buffer and {event} during the transfer"
             wrong = violations(cache.log)
             if wrong:
@@ -102,8 +114,10 @@ def check_receive_driver(driver: Callable[[Cache, Dma, int, bytes], bytes]) -> F
     return Feedback(True, "right in all nine scenes: three states of the cache, three things that happen meanwhile.")
 
 
-def check_region(region: MpuRegion) -> Feedback:
+def check_region(region: Any) -> Feedback:
     """Exercise 4: an MPU region over lwIP's heap, and no more, with which the driver as generated sends from any address."""
+    if not isinstance(region, MpuRegion):
+        return Feedback(False, f"the answer is {shown(region)}; it has to be a region, like MpuRegion(1, 0x3000_4000, 16384).")
     memory, heap = stm32f767((region,)), HEAPS["sram1"]
     kinds = {memory.attribute(at) for at in range(heap, heap + HEAP_SIZE, LINE)}
     for offset in (0, 10, 21):

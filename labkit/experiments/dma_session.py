@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
@@ -12,7 +12,7 @@ from typing_extensions import Doc
 from labkit.cache import SOURCE1_MPU, MpuRegion, stm32f767
 from labkit.experiment import Experiment, Labels, Metric, View
 from labkit.experiments.byte_story import LINE, Stage, Story
-from labkit.experiments.dma_coherence import picture
+from labkit.experiments.dma_coherence import known, picture
 from labkit.figures import YELLOW, Span
 
 HEAP_SIZE = 16 * 1024  # of lwIP, as in source 1
@@ -80,7 +80,7 @@ class UrosSession(Experiment[Sent]):
     data cache was switched on.
     """
 
-    step: Annotated[int, Interval(ge=0, le=4), View(), Doc("how far the story is told")] = 4
+    step: Annotated[int, Interval(ge=0, le=4), View(play=True), Doc("how far the story is told")] = 4
     driver: Annotated[
         Literal["generated", "size_only", "with_offset"],
         Labels({"generated": "no clean (as generated)", "size_only": "clean, size only", "with_offset": "clean, size + offset"}),
@@ -123,8 +123,12 @@ class UrosSession(Experiment[Sent]):
     def metrics(self, result: Sent) -> list[Metric]:
         stale = sum(v.size for stage in result.stages for v in stage.wrong)
         said, key = agent(result.received), result.received[KEY]
-        return [
+        made = [
             Metric("the agent says", said, good=said == "session established"),
             Metric("client_key on the wire", key.hex(" ").upper(), good=key == CREATE_CLIENT[KEY]),
             Metric("stale bytes sent", stale, f"of {len(CREATE_CLIENT)}", good=not stale),
         ]
+        return [known(metric, self.step == len(result.stages) - 1) for metric in made]
+
+    def without_effect(self) -> Mapping[str, str]:
+        return {"mpu": "with the heap in SRAM1"} if self.heap == "dtcm" else {}

@@ -20,13 +20,13 @@ def sentence(timeline: Mapping[str, np.ndarray], step: int) -> str:
     if step == 0:
         return "Nothing has happened yet: the cache is empty."
     t = {name: column[step - 1] for name, column in timeline.items()}
-    text = f"Step {step}: {t['op']} {t['address']:#010x}, "
+    text = f"Step {step} of {len(timeline['op'])}: {t['op']} {t['address']:#010x}, "
     if t["bypass"]:
         return text + f"past the cache ({t['bypass']})"
     text += f"set {t['set']}: "
     if t["hit"]:
-        return text + f"<b>hit</b> in way {t['way']}"
-    text += "<b>miss</b>"
+        return text + f"hit in way {t['way']}"
+    text += "miss"
     if t["filled"]:
         text += f", fills way {t['way']}"
     if t["victim"] >= 0:
@@ -43,12 +43,15 @@ KINDS = {
 }
 
 
-def cache_map(history: History, step: int, height: int = 580) -> Spec:
-    """The map after `step` accesses of a history, and below every access, done and still to come."""
+def cache_map(history: History, step: int, parameter: str = "", height: int = 480) -> Spec:
+    """The map after `step` accesses of a history, and below every access, done and still to come; a click on one sets the
+    parameter that has this name.
+    """
     square: Spec = {"symbol": "square", "size": 14, "line": {"width": 1, "color": GREY}}
     markers = {state: square | {"color": colour} for state, colour in STATES.items()} | {kind: _mark(kind) for kind in KINDS}
     keys = [key(name, type="scatter", mode="markers", marker=marker) for name, marker in markers.items()]
-    return stack(_map(history, step), _accesses(history.columns, step), height=height, keys=keys)
+    says, meta = sentence(history.columns, step), {"ended": step >= len(history)}
+    return stack(_map(history, step), _accesses(history.columns, step, parameter), height=height, keys=keys, says=says, meta=meta)
 
 
 def _map(history: History, step: int) -> Panel:
@@ -92,7 +95,7 @@ def _map(history: History, step: int) -> Panel:
     x = axis(title, range=[-0.5, geometry.sets - 0.5], tickvals=ticks, showgrid=False, fixedrange=True)
     ways = list(range(geometry.ways))
     y = axis("way", range=[geometry.ways - 0.5, -0.5], tickvals=ways, showgrid=False, fixedrange=True)
-    return Panel([heat], y, x, shapes, caption=sentence(timeline, step), height=1.2, left=84)
+    return Panel([heat], y, x, shapes, left=84)
 
 
 def _mark(kind: str, size: int = 9) -> Spec:
@@ -100,7 +103,12 @@ def _mark(kind: str, size: int = 9) -> Spec:
     return {"symbol": symbol, "size": size, "color": colour}
 
 
-def _accesses(timeline: Mapping[str, np.ndarray], step: int) -> Panel:
+def _rung(top: float, first: int, factor: int) -> int:
+    """The end of an axis that has to reach `top`: one of few, so that it moves rarely while a pattern grows."""
+    return next(end for n in range(40) if (end := first * factor**n) >= top)
+
+
+def _accesses(timeline: Mapping[str, np.ndarray], step: int, parameter: str) -> Panel:
     number, base = np.arange(1, len(timeline["line"]) + 1), int(timeline["address"].min(initial=2**62))
     offset, done, cached, hit = timeline["address"] - base, number <= step, timeline["bypass"] == "", timeline["hit"]
     chosen = dict(zip(KINDS, (cached & hit & done, cached & ~hit & done, ~cached & done, ~done), strict=True))
@@ -115,11 +123,13 @@ def _accesses(timeline: Mapping[str, np.ndarray], step: int) -> Panel:
             "marker": _mark(kind, 9 if len(number) <= 300 else 6),
             "customdata": [f"{a:#010x}" for a in timeline["address"][some].tolist()],
             "hovertemplate": f"access %{{x}}, %{{customdata}}: {kind}<extra></extra>",
+            **({"meta": {"set": [{parameter: n} for n in number[some].tolist()]}} if parameter else {}),
         }
         for kind, some in chosen.items()
     ]
-    top = max(int(offset.max(initial=0)), 1)
+    top = _rung(int(offset.max(initial=0)), 256, 4)
     now: Spec = {"type": "line", "yref": "y domain", "x0": step + 0.5, "x1": step + 0.5, "y0": 0, "y1": 1}
-    x = axis(f"access (addresses counted from {base:#010x})" if len(number) else "access", range=[0, len(number) + 1])
+    title = f"access (addresses counted from {base:#010x})" if len(number) else "access"
+    x = axis(title, range=[0, _rung(len(number) + 1, 40, 3)])
     y = axis("address [bytes]", range=[-0.06 * top, 1.06 * top])
     return Panel(drawn, y, x, [{**now, "line": {"color": INK, "width": 1.5}}], left=84)

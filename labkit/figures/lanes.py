@@ -10,7 +10,7 @@ from labkit.figures.panel import Panel, stack
 from labkit.figures.style import BLUE, FONT, GREY, INK, ORANGE, PALE, SMALL, Spec, axis, key
 
 PITCH, TALL = 1.75, 1.0  # distance of two lanes and height of a cell
-HEADLINE = 66  # px, room for its two lines, also where they are enlarged
+WARNED = 34  # px, room for the warning above the lanes
 PALE_SKY, DARK = "#b3ddf5", "#b64700"
 
 #: State of a cell -> its colour, the colour of its text, and what the legend says (None: no entry). Light, middle and dark,
@@ -63,30 +63,28 @@ def lanes(
     *,
     spans: Sequence[Span] = (),
     moves: Sequence[Move] = (),
-    headline: str = "",
+    says: str = "",
     remark: str = "",
     stages: Sequence[str] = (),
     stage: int = 0,
     alarms: Sequence[int] = (),
-    height: int = 540,
+    height: int = 480,
 ) -> Spec:
     """Lanes from top to bottom under a strip of stages, of which `stage` is the one shown and `alarms` are those that failed.
 
-    `address` is that of the first column and `line` the bytes per cache line. `headline` says in one line what happens,
-    `remark` (drawn as a warning) what is wrong with it. Traces are always the same: stages, cells, moves, one per legend entry.
+    `address` is that of the first column and `line` the bytes per cache line. `says` is what happens, a sentence above the
+    picture, and `remark` (drawn as a warning) what is wrong with it. A click on a stage sets the parameter `step`. Traces are
+    always the same: stages, cells, moves, one per legend entry.
     """
     level = [PITCH * (len(places) - 1 - i) for i in range(len(places))]
-    warning = f"<br><span style='color:{DARK}'><b>✗ {remark}</b></span>" if remark else ""
     told = {
-        "text": f"<b>{headline}</b>{warning}",
+        "text": f"<span style='color:{DARK}'><b>✗ {remark}</b></span>" if remark else "",
         "x": 0,
         "xref": "x domain",
         "xanchor": "left",
-        "align": "left",
         "y": 1,
         "yref": "y domain",
-        "yanchor": "top",
-        "yshift": HEADLINE - 12,
+        "yanchor": "bottom",
     }
     shapes, notes = _frames(places, level, address, line, spans)
     rows = 1 + max((span.row for span in spans), default=0)
@@ -106,14 +104,15 @@ def lanes(
         _hidden(-0.15, len(places[0].text) + 0.15),
         shapes,
         [told, *notes],
-        above=HEADLINE,
+        above=WARNED,
         height=7.5,
         left=92,
     )
     strip = Panel([_strip(stages, stage, alarms)], _hidden(0, 1), _hidden(0, max(1, len(stages))), left=92)
     square: Spec = {"symbol": "square", "size": 15, "line": {"color": GREY, "width": 1}}
     keys = [key(n, type="scatter", mode="markers", marker=square | {"color": c}) for c, _, n in STATES.values() if n]
-    return stack(strip, bytes_, height=height, keys=keys, bottom=14, dragmode=False)
+    ended = {"ended": stage == len(stages) - 1}
+    return stack(strip, bytes_, height=height, keys=keys, bottom=14, dragmode=False, says=says, meta=ended)
 
 
 def _hidden(low: float, high: float) -> Spec:
@@ -168,7 +167,8 @@ def _strip(stages: Sequence[str], stage: int, alarms: Sequence[int]) -> Spec:
         "insidetextanchor": "middle",
         "constraintext": "none",
         "textangle": 0,
-        "hoverinfo": "skip",
+        "hoverinfo": "none",
+        "meta": {"set": [{"step": i} for i in n]},
         "insidetextfont": {"size": SMALL, "color": ["white" if i == stage else DARK if i in alarms else INK for i in n]},
         "marker": {
             "color": [BLUE if i == stage else PALE if i < stage else "white" for i in n],

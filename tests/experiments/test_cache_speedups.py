@@ -6,6 +6,7 @@ from hypothesis import given, settings
 
 from labkit.cache import Cache, Geometry, count, patterns, replay, stm32f767
 from labkit.experiments.cache_patterns import (
+    SHAPED_BY,
     SIZES,
     STRIDES,
     WAYS,
@@ -20,6 +21,7 @@ from labkit.experiments.cache_speedups import (
     CLAIMS,
     PublishedSpeedups,
     SpeedupGuess,
+    change_of_one,
     check_idle_formula,
     check_sample_difference,
     check_wrong_total,
@@ -42,8 +44,18 @@ def test_all_eight_tables_are_read():
 def test_every_percentage_of_the_text_recomputes_but_the_idle_increase():
     experiment = PublishedSpeedups()
     metrics = experiment.metrics(experiment.run())
-    assert [m.name for m in metrics if not m.good] == ["IDLE, FreeRTOS"]
-    assert metrics[-1].value == 17.48 and metrics[-1].published == 14.88 and len(metrics) == len(CLAIMS)
+    claims = {m.name: m for m in metrics if m.published is not None}
+    assert [m.name for m in claims.values() if not m.good] == ["IDLE, FreeRTOS"] and len(claims) == len(CLAIMS)
+    assert claims["IDLE, FreeRTOS"].value == 17.48 and claims["IDLE, FreeRTOS"].published == 14.88
+    assert metrics[0].text() == "7 of 8" and not metrics[0].good
+
+
+def test_sums_change_otherwise_than_one_activation():
+    rows = {row: round(change_of_one(*row), 2) for row in CLAIMS}
+    assert [rows["micro-ROS", name] for name in ("odom", "p_ctrl", "w_ctrl")] == [-62.3, -76.69, -66.32]
+    assert PublishedSpeedups().measure("largest gap to one activation") == pytest.approx(
+        max(abs(rows[row] - printed) for row, printed in CLAIMS.items() if row[1] != "IDLE"), abs=0.011
+    )
 
 
 def test_the_picture_has_every_row_of_the_tables():
@@ -77,6 +89,30 @@ def test_the_sentence_says_what_the_access_did():
     assert (marks["miss"], marks["hit"], marks["past the cache"], marks["still to come"]) == ([1, 2, 3], [4], [5], [])
 
 
+def test_a_click_on_an_access_goes_to_its_step_and_the_last_one_ends_the_play():
+    history = CacheMap().run()
+    for step in (0, 20, 36):
+        figure = CacheMap(step=step).figure(history)
+        assert figure["layout"]["meta"]["ended"] == (step == 36)
+        assert figure["layout"]["meta"]["says"].startswith(f"Step {step} of 36" if step else "Nothing")
+        for trace in figure["data"]:
+            if "meta" in trace:
+                assert trace["meta"]["set"] == [{"step": x} for x in list(trace["x"])]
+
+
+@pytest.mark.parametrize("pattern", SHAPED_BY)
+def test_greyed_is_what_does_not_shape_the_pattern(pattern):
+    start = CacheMap(pattern=pattern, ways=1, step=300)
+    moved = {"elements": 9, "stride": 64, "rounds": 2, "stores": True, "edge": 2, "own": "read 0x20020000", "policy": "fifo"}
+    drawn = start.figure(start.run())
+
+    def changes(name):
+        other = start.replace(**{name: moved[name]})
+        return repr(other.figure(other.run())) != repr(drawn)
+
+    assert {name for name in moved if not changes(name)} == set(start.without_effect())
+
+
 def test_a_step_of_the_map_is_a_view():
     assert CacheMap(step=3).same_run(CacheMap(step=30))
     history = CacheMap(step=3).run()
@@ -92,8 +128,8 @@ def test_twelve_lines_in_room_for_eight_never_hit_and_eight_always_do():
     ("text", "sentence"),
     [
         ("reed 0x20020000", "line 1: 'reed' is no command"),
-        ("read 0x20020000 times 2000", "steps through 1000 at most"),
-        ("read 0x20020000 size 65536", "2048 accesses to a line; the map steps through 1000 at most"),
+        ("read 0x20020000 times 2000", "steps through 300 at most"),
+        ("read 0x20020000 size 65536", "2048 accesses to a line; the map steps through 300 at most"),
         ("read 0x30000000", "0x30000000"),
         ("repeat 3; read 0x20020000", "repeat without an end"),
     ],
@@ -180,6 +216,10 @@ def test_clues_ask_the_tables():
     assert [t for t in range(12) if check_wrong_total(t).solved] == [9]
     assert check_idle_formula(lambda off, on: 100 * (on - off) / on).solved
     assert not check_idle_formula(lambda off, on: 100 * (on - off) / off).solved
+    for answer in (14.88, lambda off, on: 14.88, lambda off, on: "14.88 %", lambda off: off, lambda off, on: off / 0, None):
+        assert not check_idle_formula(answer).solved
+    for answer in ("9", "table 9", None, [9], 9.0, True):
+        assert "the number of a table" in check_wrong_total(answer).text
     pairs = [(p, r) for p in ("micro-ROS", "FreeRTOS", "ROS") for r in ("50|30", "100|50", "1")]
     assert [pair for pair in pairs if check_sample_difference(*pair).solved] == [("micro-ROS", "50|30")]
 
@@ -198,9 +238,21 @@ def test_exercises_ask_the_model():
     assert not check_good_order(MatrixOrders(order="kij", tile=8, size=8192)).solved
 
 
-@pytest.mark.parametrize("task", CONTROL)
-def test_exactly_one_coldness_is_the_coldest(task):
-    assert sum(check_coldest(Explanations(task=task, coldness=c)).solved for c in range(101)) == 1
+def test_exactly_one_coldness_is_the_coldest():
+    assert sum(check_coldest(Explanations(task="pose_control", coldness=c)).solved for c in range(101)) == 1
+
+
+@pytest.mark.parametrize("check", [check_full_of_holes, check_fifo_beats_lru, check_good_order, check_coldest])
+@pytest.mark.parametrize("answer", [None, 65, 0.65, "65 %", "MissRates(elements=8)", CacheMap(), lambda: 65])
+def test_an_answer_of_another_kind_gets_a_sentence(check, answer):
+    verdict = check(answer)
+    assert not verdict.solved and verdict.text.endswith(".")
+
+
+@pytest.mark.parametrize("moved", [{"task": "odometry"}, {"overhead": 0}, {"per_instruction": 0.5}])
+def test_the_coldest_is_asked_at_the_prices_of_the_bench(moved):
+    verdict = check_coldest(Explanations(**{"task": "pose_control", "coldness": 65} | moved))
+    assert not verdict.solved and "move coldness only" in verdict.text
 
 
 def test_the_solution_printed_in_the_notebook_is_one():

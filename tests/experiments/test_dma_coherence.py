@@ -91,6 +91,38 @@ def test_cleaning_first_saves_a_neighbour_that_is_left_alone_during_the_transfer
     assert DmaCoherence(**shared, before="clean+invalidate").measure("neighbour") == "intact"
 
 
+@pytest.mark.parametrize("cls", [DmaCoherence, Alignment, UrosSession])
+def test_at_the_start_of_a_story_no_card_knows_its_end(cls):
+    first = cls(step=0)
+    known = {m.name: m for m in first.metrics(first.run())}
+    for name in {
+        "the receiver got",
+        "neighbour",
+        "stale bytes read in the end",
+        "the agent says",
+        "stale bytes sent",
+    } & known.keys():
+        assert known[name].value is None and known[name].good is None
+
+
+def test_a_card_knows_as_much_as_is_told():
+    result = DmaCoherence().run()
+    told = [DmaCoherence(step=step).metrics(result) for step in range(10)]
+    assert [m[0].value for m in told] == [None] * 6 + ["nothing of it"] * 4
+    assert [m[2].value for m in told] == ["nothing"] * 3 + ["transmit without clean"] * 7
+    assert {m[2].good for m in told[:3]} == {None}
+    lines = [
+        DmaCoherence(step=step, offset=8, before="clean").metrics(DmaCoherence(offset=8, before="clean").run())[3].value
+        for step in (1, 2, 9)
+    ]
+    assert lines == [0, 2, 2]
+
+
+def test_with_the_heap_in_dtcm_no_region_matters():
+    one, other = (UrosSession(heap="dtcm", mpu=mpu) for mpu in ("none", "heap"))
+    assert one.figure(one.run()) == other.figure(other.run()) and "mpu" in one.without_effect()
+
+
 def test_an_invalidated_packet_is_not_called_a_neighbour():
     assert DmaCoherence(before="invalidate").run().causes == ("invalidate dropped the packet",)
 
@@ -99,7 +131,9 @@ def test_the_step_slider_shows_one_stage_after_the_other():
     headlines, result = [], DmaCoherence().run()
     for step in range(10):
         figure = DmaCoherence(step=step).figure(result)
-        headlines.append(figure["layout"]["annotations"][0]["text"])
+        headlines.append(figure["layout"]["meta"]["says"])
+        assert figure["layout"]["meta"]["ended"] == (step == 9)
+        assert figure["data"][0]["meta"]["set"][step] == {"step": step}
         assert figure["data"][0]["marker"]["color"].index("#0072B2") == step
     assert len(set(headlines)) == 10
 
@@ -206,6 +240,18 @@ def driver(before=(), after=()):
 def test_exercise_3_names_the_scene_that_fails(before, after, complaint):
     verdict = check_receive_driver(driver(before, after))
     assert verdict.solved if complaint is None else not verdict.solved and complaint in verdict.text
+
+
+@pytest.mark.parametrize("check", [check_failures, check_rounding, check_receive_driver, check_region])
+@pytest.mark.parametrize("answer", [None, 12, "clean", [1, 2], DmaCoherence, lambda: None])
+def test_an_answer_of_another_kind_gets_a_sentence(check, answer):
+    verdict = check(answer)
+    assert not verdict.solved and verdict.text.endswith(".") and "\n" not in verdict.text
+
+
+def test_a_function_that_returns_something_else_gets_a_sentence():
+    assert "two whole numbers" in check_rounding(lambda address, size: address).text
+    assert "breaks off with ZeroDivisionError" in check_rounding(lambda address, size: (address // 0, size)).text
 
 
 def test_exercise_3_cannot_be_talked_round():
