@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
-from typing import Annotated, Any, Literal
+from dataclasses import dataclass, replace
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from annotated_types import Interval, MultipleOf, Unit
 from typing_extensions import Doc
 
-from labkit.experiment import Experiment, Feedback, Labels, Metric
-from labkit.figures import History, Response, axis, gantt, responses, stack
+from labkit.checks import shown
+from labkit.experiment import Experiment, Feedback, Labels, Metric, View
+from labkit.experiments.answers import refused
+from labkit.figures import History, Panel, Response, axis, gantt, happening, responses, stack
 from labkit.phases import BELOW_NS, LONGEST_NS, contour_model
 from labkit.scheduler import (
     PeriodicTask,
@@ -35,6 +37,8 @@ from labkit.trace import Trace, jobs
 MS = 1000  # units of all traces here: microseconds
 HZ = 1000 * MS
 HORIZON, SHOWN = 2000, 42  # ms simulated, ms in the picture
+EXCEPTION, T3 = 500, 20  # us: each exception part; ms: period of task 3
+TASKS = ("task 1", "task 2", "task 3")
 KEYS = ("ready", "release", "deadline", "missed", "beyond ECET", "aborted", "exception part")
 
 Work = Annotated[
@@ -69,33 +73,33 @@ def misses(trace: Trace) -> int:
 class Schedules(Experiment[dict[str, History]]):
     """Which deadlines does a task set meet under RM, EDF and TAFT?
 
-    Two or three periodic tasks, deadlines at the end of the period, all released at 0. RM and EDF know C; TAFT knows the expected
-    time ECET and an exception part, with which it replaces a main part that takes too long. All three get the same jobs.
-    The start values are Buttazzo's set (2,5)(4,7).
+    Two tasks, or three of which the last has a period of 20 ms; deadlines at the end of the period, all released at 0. RM and EDF
+    know C; TAFT knows the expected time ECET and an exception part of 0.5 ms, with which it replaces a main part that takes too
+    long. All three get the same jobs. The start values are Buttazzo's set (2,5)(4,7).
     """
+
+    headline: ClassVar[tuple[str, ...]] = ("who meets all deadlines", "accepted by analysis", "worst-case utilisation")
 
     C1: Annotated[int, Interval(ge=1, le=4), Unit("ms"), Doc("longest execution time of task 1")] = 2
     T1: Annotated[int, Interval(ge=5, le=12), Unit("ms"), Doc("period of task 1")] = 5
     C2: Annotated[int, Interval(ge=1, le=5), Unit("ms"), Doc("longest execution time of task 2")] = 4
     T2: Annotated[int, Interval(ge=7, le=20), Unit("ms"), Doc("period of task 2")] = 7
-    C3: Annotated[int, Interval(ge=0, le=6), Unit("ms"), Doc("longest execution time of task 3; 0: there is none")] = 0
-    T3: Annotated[int, Interval(ge=10, le=40), Unit("ms"), Doc("period of task 3")] = 20
+    C3: Annotated[int, Interval(ge=0, le=6), Unit("ms"), Doc("longest execution time of a third task; 0: there is none")] = 0
     ECET: Share = 50
-    EP: Annotated[float, Interval(ge=0, le=1), MultipleOf(0.25), Unit("ms"), Doc("longest time of each exception part")] = 0.5
     work: Work = "worst"
-    seed: Annotated[int, Interval(ge=0, le=99), Doc("another draw of the random times")] = 0
+    at: Annotated[int, Interval(ge=0, le=SHOWN), Unit("ms"), View(play=True), Doc("a time to look at, under all policies")] = 0
 
     def tasks(self) -> list[PeriodicTask]:
         """What RM and EDF plan with, in microseconds."""
-        rows = ((self.C1, self.T1), (self.C2, self.T2), (self.C3, self.T3))
-        return [PeriodicTask(f"task {i}", c * MS, t * MS) for i, (c, t) in enumerate(rows, start=1) if c]
+        rows = zip(TASKS, (self.C1, self.C2, self.C3), (self.T1, self.T2, T3), strict=True)
+        return [PeriodicTask(name, c * MS, t * MS) for name, c, t in rows if c]
 
     def pairs(self) -> list[TaskPair]:
         """What TAFT plans with."""
-        return [TaskPair(t.name, t.wcet * self.ECET // 100, round(self.EP * MS), t.period) for t in self.tasks()]
+        return [TaskPair(t.name, t.wcet * self.ECET // 100, EXCEPTION, t.period) for t in self.tasks()]
 
     def run(self) -> dict[str, History]:
-        rng = np.random.default_rng(self.seed)
+        rng = np.random.default_rng(0)
         tasks = self.tasks()
         times = {t.name: draw(self.work, t.wcet, -(-HORIZON * MS // t.period), rng) for t in tasks}
         return {
@@ -109,19 +113,23 @@ class Schedules(Experiment[dict[str, History]]):
             "edf": "EDF: the earlier deadline first",
             "taft": "TAFT: expected times first, exception parts in time",
         }
-        panels = [
-            gantt(
-                history,
-                ("task 1", "task 2", "task 3"),
-                0,
-                SHOWN,
-                title=titles[policy],
-                remark=self._first_miss(history),
-                pairs=True,
-            )
-            for policy, history in result.items()
-        ]
-        return stack(*panels, height=600, shared=axis("time [ms]", range=[0, SHOWN]), keys=KEYS)
+        panels = [self._lanes(h, title=titles[policy], remark=self._first_miss(h)) for policy, h in result.items()]
+        names = [task.name for task in self.tasks()]
+        says = ". ".join(f"{policy.upper()}: {happening(history, names, self.at)}" for policy, history in result.items())
+        return stack(
+            *panels,
+            height=480,
+            shared=axis("time [ms]", range=[0, SHOWN]),
+            keys=KEYS,
+            at=self.at,
+            says=f"At {self.at} ms. {says}.",
+        )
+
+    def _lanes(self, history: History, **more: Any) -> Panel:
+        """One policy; a task that there is not has no lane."""
+        lanes = len(self.tasks())
+        panel = gantt(history, TASKS, 0, SHOWN, pairs=True, **more)
+        return replace(panel, y={**panel.y, "range": [0.5 - lanes, 0.5]}, height=lanes)
 
     @staticmethod
     def _first_miss(history: History) -> str:
@@ -214,7 +222,7 @@ class ResponseBounds(Experiment[Bounded]):
             Response(f"T = {t.period / MS:g} ms", None if bound is None else bound / MS, longest / MS, t.deadline / MS)
             for t, bound, longest in zip(result.tasks, result.bound, result.longest, strict=True)
         ]
-        return responses(rows, height=150 + 46 * len(rows))
+        return responses(rows)
 
     def metrics(self, result: Bounded) -> list[Metric]:
         ratios = [100 * longest / bound for bound, longest in zip(result.bound, result.longest, strict=True) if bound]
@@ -244,6 +252,7 @@ class StarvedPair(Experiment[Trace]):
     ECET2: Annotated[int, Interval(ge=1, le=4), Unit("ms"), Doc("expected time of task 2")] = 1
     EP2: Annotated[int, Interval(ge=0, le=6), Unit("ms"), Doc("exception part of task 2")] = 5
     T2: Annotated[int, Interval(ge=10, le=30), Unit("ms"), Doc("period of task 2")] = 11
+    at: Annotated[int, Interval(ge=0, le=SHOWN), Unit("ms"), View(play=True), Doc("a time to look at")] = 0
 
     def pairs(self) -> list[TaskPair]:
         """The two pairs, in ms."""
@@ -272,7 +281,14 @@ class StarvedPair(Experiment[Trace]):
         remark = f"{name}, aborted at {time} ms, had {got} of its {ecet[name]} ms" if hungry else ""
         title = "TAFT when every main part takes too long"
         panel = gantt(result, ("task 1", "task 2"), 0, SHOWN, title=title, remark=remark, pairs=True)
-        return stack(panel, height=330, shared=axis("time [ms]", range=[0, SHOWN]), keys=KEYS)
+        return stack(
+            panel,
+            height=330,
+            shared=axis("time [ms]", range=[0, SHOWN]),
+            keys=KEYS,
+            at=self.at,
+            says=f"At {self.at} ms. {happening(result, TASKS[:2], self.at)}.",
+        )
 
     def metrics(self, result: Trace) -> list[Metric]:
         pairs, verdict = self.pairs(), taft_test(self.pairs())
@@ -294,8 +310,9 @@ class StarvedPair(Experiment[Trace]):
 
 def check_rm_misses(answer: Schedules) -> Feedback:
     """Exercise 1: RM misses, EDF does not, with a worst-case utilisation of at most 92 %."""
-    if answer.work != "worst":
-        return Feedback(False, "let every job take its C: a set is judged by its worst case.")
+    wrong = refused(answer, Schedules(), "C1", "T1", "C2", "T2", "C3", "ECET")
+    if wrong:
+        return wrong
     load, result = 100 * float(utilization(answer.tasks())), answer.run()
     rm, edf = (len(result[policy].misses) for policy in ("rm", "edf"))
     told = f"utilisation {load:.1f} %, {rm} misses under RM, {edf} under EDF"
@@ -306,7 +323,12 @@ def check_rm_misses(answer: Schedules) -> Feedback:
 
 def check_beyond_the_bounds(tasks: Iterable[PeriodicTask]) -> Feedback:
     """Exercise 2: three tasks with a utilisation of at least 97 % that neither bound accepts and RM schedules."""
-    tasks = rate_monotonic(tasks)
+    given = list(tasks) if isinstance(tasks, Iterable) else [tasks]
+    if not all(isinstance(task, PeriodicTask) for task in given):
+        return Feedback(False, f'the answer is {shown(tasks)}; give a list of tasks like [PeriodicTask("a", 2, 5), ...].')
+    if len({task.name for task in given}) < len(given):
+        return Feedback(False, "two tasks have the same name.")
+    tasks = rate_monotonic(given)
     load = 100 * float(utilization(tasks))
     if len(tasks) != 3 or load < 97:
         return Feedback(False, f"{len(tasks)} tasks with a utilisation of {load:.1f} %; give three with 97 % or more.")
@@ -322,13 +344,14 @@ def check_beyond_the_bounds(tasks: Iterable[PeriodicTask]) -> Feedback:
 
 def check_fed_pair(answer: StarvedPair) -> Feedback:
     """Exercise 4: the longest exception part of task 2 with which nobody starves, all else as given."""
-    if answer != StarvedPair(EP2=answer.EP2):
-        return Feedback(False, "change EP2 only.")
+    wrong = refused(answer, StarvedPair(), "EP2")
+    if wrong:
+        return wrong
     hungry = len(answer.starved(answer.run()))
     if hungry or not taft_test(answer.pairs()).accepted:
         return Feedback(
             False, f"with an exception part of {answer.EP2} ms {hungry} main parts get less than their expected time."
         )
-    longer = StarvedPair(EP2=answer.EP2 + 1)
-    more = taft_test(longer.pairs()).accepted
+    longer = next((StarvedPair(EP2=ms) for ms in [answer.EP2 + 1] if ms <= 6), None)
+    more = longer is not None and taft_test(longer.pairs()).accepted
     return Feedback(not more, f"{answer.EP2} ms is safe{', but so is 1 ms more' if more else ', and 1 ms more is not'}.")

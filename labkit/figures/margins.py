@@ -21,6 +21,7 @@ from labkit.figures.style import (
     VERMILION,
     Spec,
     axis,
+    held,
     key,
     rows_axis,
 )
@@ -39,7 +40,7 @@ class Response:
     deadline: float
 
 
-def responses(rows: Sequence[Response], height: int = 430) -> Spec:
+def responses(rows: Sequence[Response]) -> Spec:
     """A row per task: the bound as a wide pale bar, the simulation as a narrow one inside it, the deadline as a line."""
     at = [-i for i in range(len(rows))]
     bounds = [0 if r.bound is None else r.bound for r in rows]
@@ -64,10 +65,11 @@ def responses(rows: Sequence[Response], height: int = 430) -> Spec:
         },
         _text(most, at, [f"  {r.longest:.1f} of {'no bound' if r.bound is None else f'{r.bound:.1f}'}" for r in rows]),
     ]
-    x = axis("response time [ms]", range=[0, 1.16 * max(most)])
+    x = axis("response time [ms]", range=[0, held(1.16 * max([125.0, *most]))])
     simulated = key("longest response, simulated", type="bar", marker={"color": BLUE})
-    panel = Panel(drawn, rows_axis(r.name for r in rows), x)
-    return stack(panel, height=height, keys=("bound by analysis", simulated, "deadline"))
+    lanes = len(rows) + 1 - len(rows) % 2  # rarely another number, so that the rows keep their place
+    y = {**rows_axis(r.name for r in rows), "range": [0.4 - lanes, 0.6]}
+    return stack(Panel(drawn, y, x), height=150 + 46 * lanes, keys=("bound by analysis", simulated, "deadline"))
 
 
 def reserve(
@@ -77,7 +79,8 @@ def reserve(
     published: tuple[float, float],
     needs: Sequence[tuple[str, Sequence[float]]],
     period: float,
-    height: int = 470,
+    most: float,
+    height: int = 440,
 ) -> Spec:
     """Left: how long the jobs ran, with the expected and the longest time. Right: what each way of planning needs of a period.
 
@@ -87,6 +90,7 @@ def reserve(
         published: (share, time in ms) of a published quantile, drawn as the point of the rising curve it is.
         needs: (name, (main parts, exception parts)) in ms per period; the same number for every picture.
         period: length of the period in ms.
+        most: end of the axis of the needs in ms.
     """
     keys = (
         "published (source 2)",
@@ -95,7 +99,7 @@ def reserve(
         key("exception parts", type="bar", marker={"color": GREEN, "pattern": CROSSED}),
         key("period", type="scatter", mode="lines", line=PERIOD),
     )
-    return stack([_run_times(times, longest, expected, published), _needs(needs, period)], height=height, keys=keys)
+    return stack([_run_times(times, longest, expected, published), _needs(needs, period, most)], height=height, keys=keys)
 
 
 def _run_times(times: np.ndarray, longest: float, expected: float, published: tuple[float, float]) -> Panel:
@@ -138,7 +142,7 @@ def _run_times(times: np.ndarray, longest: float, expected: float, published: tu
     return Panel(drawn, axis("share of the jobs [%]", range=[0, 104]), x, width=1.1)
 
 
-def _needs(needs: Sequence[tuple[str, Sequence[float]]], period: float) -> Panel:
+def _needs(needs: Sequence[tuple[str, Sequence[float]]], period: float, most: float) -> Panel:
     at = [-i for i in range(len(needs))]
     totals = [sum(parts) for _, parts in needs]
     main, exception = zip(*(parts for _, parts in needs), strict=True)
@@ -153,7 +157,7 @@ def _needs(needs: Sequence[tuple[str, Sequence[float]]], period: float) -> Panel
         ),
         _line([period, period], [0.4 - len(needs), 0.8], PERIOD),
     ]
-    x = axis("processor time in a period [ms]", range=[0, 1.3 * max(period, *totals)])
+    x = axis("processor time in a period [ms]", range=[0, most])
     y = rows_axis((name for name, _ in needs))
     return Panel(drawn, {**y, "range": [0.4 - len(needs), 0.8]}, x, left=190)
 

@@ -166,5 +166,22 @@ def test_exercises_ask_the_model():
     assert check_expected_time(ExpectedTime(filters=5, period=210, ECET=41)).solved
 
 
+def test_answers_of_the_wrong_kind_get_a_sentence():
+    for check in (check_rm_misses, check_beyond_the_bounds, check_fed_pair, check_expected_time):
+        for answer in (None, 3, "Schedules()", [1, 2], [(2, 5), (2, 7), (6, 20)]):
+            told = check(answer)
+            assert not told.solved and "the answer is" in told.text
+    assert "leave EP=0.5" in check_expected_time(ExpectedTime(filters=5, period=210, ECET=41, EP=0)).text
+    assert "same name" in check_beyond_the_bounds([PeriodicTask("a", 1, 4), PeriodicTask("a", 2, 8)]).text
+    assert not check_fed_pair(StarvedPair(EP2=6)).solved
+
+
+def test_a_task_that_there_is_not_has_no_lane():
+    two, three = (Schedules(C3=c) for c in (0, 6))
+    for experiment, rows in ((two, 2), (three, 3)):
+        axes = [axis for name, axis in experiment.figure(experiment.run())["layout"].items() if name.startswith("yaxis")]
+        assert [axis["range"] for axis in axes] == [[0.5 - rows, 0.5]] * 3
+
+
 def test_the_horizon_shows_a_whole_number_of_seconds():
     assert HORIZON % 1000 == 0  # the metrics say so
