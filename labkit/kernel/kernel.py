@@ -38,12 +38,13 @@ from labkit.kernel.costs import Costs
 from labkit.kernel.devices import LOWEST, Device
 from labkit.kernel.heap import POINTER, Heap
 from labkit.kernel.interrupts import Interrupt
-from labkit.kernel.objects import DELETED, FOREVER, Buffer, EventGroup, Mutex, Queue, QueueSet, Semaphore, Task, Timer
+from labkit.kernel.objects import DELETED, Buffer, EventGroup, Mutex, Queue, QueueSet, Semaphore, Task, Timer
 from labkit.kernel.protocols import PROTOCOLS
 from labkit.kernel.requests import MOST_TICKS, Services
 from labkit.kernel.run import Run, TaskInfo, Wait, find_deadlock
+from labkit.kernel.services.idle import idle_body
 from labkit.kernel.services.jobs import release
-from labkit.kernel.services.memory import give_back_all, heap_of, obtain, obtain_all
+from labkit.kernel.services.memory import no_room, reserve, reserve_for_task
 from labkit.kernel.services.timers import Daemon, daemon_body, started_early
 from labkit.trace import Trace
 
@@ -124,8 +125,7 @@ class Kernel:
             self._checked_priority(timer_priority, "the timer task")
             timer_queue = whole(timer_queue, 1, "the timer task's queue has room for", " commands")
             self._core.daemon = Daemon(Queue("timer commands", -1, timer_queue))
-            if heap is not None and obtain(self._core, -1, heap.sizes.queue + timer_queue * heap.sizes.command, -1) is None:
-                raise self._too_little("the timer task's queue")
+            reserve(self._core, "the timer task's queue", "queue", timer_queue * heap.sizes.command if heap else 0)
         self._started = self._busy = False
         self._end = 0  # up to where it has been simulated
         self.os = Services(self, self._core)
@@ -264,7 +264,7 @@ class Kernel:
             raise ValueError(f"task {name!r} is created after the start; from then on tasks create others, by os.create")
         task = self._create(name, body, priority, deadline, stack_free, released, stack)
         if task is None:
-            raise self._too_little(f"task {name!r}")
+            raise no_room(self._core, f"task {name!r}")
         return task
 
     def _create(
@@ -288,7 +288,7 @@ class Kernel:
         if not isinstance(generator, Generator):
             raise ValueError(f"the body of task {name!r} is no generator function; it must yield its requests")
         task = Task(name, code, len(self.tasks) + 1, priority, deadline, stack_free)
-        if not self._gets_memory(task, stack, by):
+        if not reserve_for_task(self._core, task, stack, by):
             return None
         if before:
             task.job = before.job  # the jobs of one name are counted on
@@ -298,29 +298,11 @@ class Kernel:
             release(self._core, task, self.now)
         return task
 
-    def _gets_memory(self, task: Task, stack: int | None, by: int) -> bool:
-        heap = self._core.heap
-        if heap is None:
-            return True
-        words = heap.sizes.idle_stack if stack is None else whole(stack, 1, f"task {task.name!r} has a stack of", " words")
-        if task.stack_free is not None and task.stack_free > words:
-            raise ValueError(
-                f"task {task.name!r} never uses {task.stack_free} words of a stack of {words}; at most all are allowed"
-            )
-        blocks = obtain_all(self._core, by, (words * heap.sizes.word, heap.sizes.task), task.code)
-        task.blocks = blocks or ()
-        return blocks is not None
-
     def _made(self, name: str, record: str = "queue", more: int = 0) -> int:
         """The code of a new object, for which the heap has room: its record, and so many bytes more."""
-        code, heap = self._new(name), self._core.heap
-        if heap is not None and obtain(self._core, -1, getattr(heap.sizes, record) + more, code) is None:
-            raise self._too_little(f"object {name!r}")
+        code = self._new(name)
+        reserve(self._core, f"object {name!r}", record, more, code)
         return code
-
-    def _too_little(self, what: str) -> ValueError:
-        heap = heap_of(self._core)
-        return ValueError(f"{what} does not fit the heap: of {heap.free} free bytes {heap.largest} are in one block")
 
     def _admit(self, task: Task, by: int = -1) -> None:
         self.tasks.append(task)
@@ -417,7 +399,7 @@ class Kernel:
         core = self._core
         core.idle.code, core.idle.number = core.code_of(IDLE), len(self.tasks) + 1
         core.idle.send = idle_body(core, self._idle_should_yield).send
-        self._own(core.idle, "idle_stack")
+        self._admit_own(core.idle, "idle_stack")
         if core.daemon is not None and self._timer_priority is not None:
             for timer in self._early:
                 started_early(core.daemon, timer)
@@ -429,27 +411,12 @@ class Kernel:
     def _create_daemon(self, daemon: Daemon, priority: int) -> Task:
         task = Task(TIMER, self._core.code_of(TIMER), len(self.tasks) + 1, priority, None, None)
         task.send = daemon_body(self._core, daemon)(self.os).send
-        self._own(task, "timer_stack")
+        self._admit_own(task, "timer_stack")
         return task
 
-    def _own(self, task: Task, stack: str) -> None:
+    def _admit_own(self, task: Task, stack: str) -> None:
         """A task of the kernel's own joins the others."""
         heap = self._core.heap
-        if heap is not None and not self._gets_memory(task, getattr(heap.sizes, stack), -1):
-            raise self._too_little(f"task {task.name!r}")
+        if heap is not None and not reserve_for_task(self._core, task, getattr(heap.sizes, stack), -1):
+            raise no_room(self._core, f"task {task.name!r}")
         self._admit(task)
-
-
-def idle_body(k: Core, should_yield: bool) -> Generator[Any, Any, None]:
-    """The idle task: uses the time that is left, and looks for another task of its priority whenever there may be one."""
-    while True:
-        while k.ended:
-            give_back_all(k, k.idle.code, k.ended.pop(0))
-        if should_yield and len(k.ready.rings[0]) > 2:
-            yield _give_way, ()
-        else:
-            yield FOREVER
-
-
-def _give_way(k: Core, idle: Task) -> None:
-    k.reschedule()

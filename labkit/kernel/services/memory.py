@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from labkit.kernel.checks import whole
 from labkit.kernel.heap import Heap
 from labkit.kernel.objects import Task
 from labkit.trace import CODE
@@ -62,3 +63,28 @@ def give_back_all(k: Core, by: int, task: Task) -> None:
     for block in task.blocks:
         give_back(k, by, block, task.code)
     task.blocks = ()
+
+
+def reserve(k: Core, what: str, record: str, more: int, code: int = -1) -> None:
+    """Memory for an object made before the start: its record and so many bytes more. ValueError if there is no room."""
+    if k.heap is not None and obtain(k, -1, getattr(k.heap.sizes, record) + more, code) is None:
+        raise no_room(k, what)
+
+
+def reserve_for_task(k: Core, task: Task, stack: int | None, by: int) -> bool:
+    """Memory for a stack of so many words (None: as many as the idle task has) and the task's record; False: no room."""
+    if k.heap is None:
+        return True
+    sizes = k.heap.sizes
+    words = sizes.idle_stack if stack is None else whole(stack, 1, f"task {task.name!r} has a stack of", " words")
+    if task.stack_free is not None and task.stack_free > words:
+        raise ValueError(f"task {task.name!r} never uses {task.stack_free} words of a stack of {words}; at most all are allowed")
+    blocks = obtain_all(k, by, (words * sizes.word, sizes.task), task.code)
+    task.blocks = blocks or ()
+    return blocks is not None
+
+
+def no_room(k: Core, what: str) -> ValueError:
+    """The error of something that does not fit."""
+    heap = heap_of(k)
+    return ValueError(f"{what} does not fit the heap: of {heap.free} free bytes {heap.largest} are in one block")
