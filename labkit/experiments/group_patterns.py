@@ -188,10 +188,12 @@ def story(turns: tuple[Turn, ...], stations: int) -> tuple[list[Hop], list[tuple
             state[0] = "holds it and waits" if verdict is None else "accepted, delivered" if verdict else "nothing"
         sent += turn.said.packet is not None
         words, what = _said(turn, sent)
-        delivers = [i for i, _ in turn.delivered]
+        delivers, waited = [i for i, _ in turn.delivered], [state[i + 1] == "holds it and waits" for i in range(stations)]
         for i in range(stations):
             state[i + 1] = _known(turn, i, state[i + 1], i in delivers)
         words += "".join(f"; S{i} delivers A" for i in delivers) + "".join(f"; S{i} leaves" for i in turn.left)
+        if turn.said.first:
+            words += "".join(f"; S{i} takes A for rejected" for i in range(stations) if waited[i] and state[i + 1] == "nothing")
         heard = tuple(i + 1 for i in sorted(turn.received))
         deaf = tuple(i + 1 for i in range(stations) if i not in turn.received)
         add(Hop(turn.slot, 0, heard, deaf, what, words))
@@ -206,8 +208,8 @@ def _known(turn: Turn, station: int, before: str, delivers: bool) -> str:
         return "accepted, delivered"
     if station not in turn.received or before == "has left the group":
         return before
-    if turn.said.first == 0 and turn.said.verdict(0) is False:
-        return "nothing"
+    if turn.said.first > 0 or turn.said.verdict(0) is False:
+        return "nothing"  # rejected, or taken for it, as nobody tells the verdict any more
     return "holds it and waits" if turn.said.packet is not None else before
 
 

@@ -76,6 +76,7 @@ def test_the_story_ends_as_the_search_says(delivery):
     hops, states = story(result.worst, 2)
     assert len(states) == len(hops) + 1
     assert {hop.slot for hop in hops} == set(range(result.found.slots))
+    assert any("takes A for rejected" in hop.text for hop in hops) == (delivery == "silence is no")
     delivers = {i for turn in result.worst for i, _ in turn.delivered}
     assert {i for i in (0, 1) if states[-1][i + 1] == "accepted, delivered"} == delivers
 
