@@ -88,9 +88,14 @@ class QueueLab(Experiment[Delivery]):
 
         return Delivery(History(run.trace), items("send", "overwrite"), items("recv"), times(run.trace, "send_fail"))
 
-    def overwritten(self, result: Delivery) -> int:
-        """Items that a newer one replaced before anybody read them."""
-        return int((result.history.trace.rows("overwrite")[:, 4] > 0).sum())
+    def overwritten(self, result: Delivery) -> np.ndarray:
+        """Times in ms at which a newer item replaced one before anybody had read it."""
+        rows = result.history.trace.rows("overwrite")
+        return rows[rows[:, 4] > 0, 0] * (1e3 / result.history.trace.hz)
+
+    def lost(self, result: Delivery) -> np.ndarray:
+        """Times in ms at which an item was lost, in whichever way."""
+        return np.concatenate([result.dropped, self.overwritten(result)])
 
     def ages(self, result: Delivery) -> np.ndarray:
         """Age of each received item at its receipt in ms: from when the producer had it ready, period times number."""
@@ -106,11 +111,11 @@ class QueueLab(Experiment[Delivery]):
     def figure(self, result: Delivery) -> dict[str, Any]:
         when, fill = self.fill(result)
         room = 1 if self.mode == "overwrite" else self.length
-        refused_at = Marks("dropped", result.dropped, room + 0.5, "x", VERMILION)
+        lost = Marks("lost", self.lost(result), room + 0.5, "x", VERMILION)
         items = [Steps("items in the queue", when, fill, BLUE), Steps("room", np.zeros(1), np.full(1, room), INK, "dot")]
         return stack(
             gantt(result.history, ("producer", "consumer"), 0, WINDOW),
-            steps(items, "items", WINDOW, [refused_at], top=5 if room < 5 else 14, height=2.4),
+            steps(items, "items", WINDOW, [lost], top=5 if room < 5 else 14, height=2.4),
             height=400,
             shared=axis("time [ms]", range=[0, WINDOW]),
             keys=KEYS,
@@ -127,11 +132,11 @@ class QueueLab(Experiment[Delivery]):
             else "Nothing received yet"
         )
         doing = happening(result.history, ("producer", "consumer"), self.at)
-        return f"At {self.at:g} ms: {doing}. {waiting} in the queue, {(result.dropped <= self.at).sum()} dropped. {last}."
+        return f"At {self.at:g} ms: {doing}. {waiting} in the queue, {(self.lost(result) <= self.at).sum()} lost. {last}."
 
     def metrics(self, result: Delivery) -> list[Metric]:
         ages = self.ages(result)
-        lost = len(result.dropped) + self.overwritten(result)
+        lost = len(self.lost(result))
         rate = 1000 / max(self.produce_every, self.consume_in)
         return [
             Metric("sent", len(result.sent), "items"),
