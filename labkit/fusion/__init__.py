@@ -71,6 +71,9 @@ from labkit.fusion.laser import (
     taubin,
     within,
 )
+from labkit.fusion.levels import LEVELS, Fusion, Judged, Level, fuse_at, judged, sent_bytes
+from labkit.fusion.levels_contours import fuse_contours
+from labkit.fusion.levels_objects import fuse_objects
 from labkit.fusion.measurements import COLUMNS, ESTIMATE, Measurement, Reading, read_measurements, write_estimates
 from labkit.fusion.stations import COURSES, Course, Looks, Stations, averages, fuse, place
 from labkit.fusion.tracks import Reorderer, Step, Track, Tracked, Tracker, looks, track
@@ -82,6 +85,7 @@ __all__ = [
     "ESTIMATE",
     "FIELD",
     "GATE",
+    "LEVELS",
     "MOTIONS",
     "NO_ARCS",
     "NO_EDGES",
@@ -102,10 +106,13 @@ __all__ = [
     "Filter",
     "FilterKind",
     "Forecast",
+    "Fusion",
     "Gated",
     "GlobalNearest",
     "Gospa",
     "JointCompatible",
+    "Judged",
+    "Level",
     "Looks",
     "MatrixFilter",
     "Measurement",
@@ -151,12 +158,16 @@ __all__ = [
     "field",
     "from_contours",
     "fuse",
+    "fuse_at",
+    "fuse_contours",
     "fuse_elements",
+    "fuse_objects",
     "fuse_points",
     "gate_squared",
     "gated",
     "gospa",
     "groups",
+    "judged",
     "kasa",
     "known_radius",
     "looks",
@@ -177,6 +188,7 @@ __all__ = [
     "scan",
     "search_arcs",
     "seen_bodies",
+    "sent_bytes",
     "start",
     "switches",
     "taubin",
