@@ -58,22 +58,24 @@ def fuse_elements(stations: Sequence[Elements], settings: Settings | None = None
         raise ValueError("elements of no station are to be fused; at least one is needed")
     settings = settings or Settings()
     name, time_ns = "+".join(one.station for one in stations), _mean_time([one.time_ns for one in stations])
-    parts = [(element, {i}) for i, one in enumerate(stations) for element in one.elements]
-    yield max(1, len(parts)) * VISIT_NS, Elements(name, time_ns, tuple(element for element, _ in parts))
-    while True:
-        near = [
-            (apart, i, k)
-            for i, (a, of_a) in enumerate(parts)
-            for k, (b, of_b) in enumerate(parts[:i])
-            if a.kind == b.kind and not of_a & of_b and (apart := _apart(a, b)) <= settings.merge
-        ]
-        if not near:
-            return
-        cost = len(parts) ** 2 * VISIT_NS
-        _, i, k = min(near)
-        parts[k] = _one_of(parts[k][0], parts[i][0]), parts[k][1] | parts[i][1]
-        del parts[i]
-        yield cost, Elements(name, time_ns, tuple(element for element, _ in parts))
+    parts = dict(enumerate((element, {i}) for i, one in enumerate(stations) for element in one.elements))
+
+    def near(i: int) -> list[tuple[float, int, int]]:
+        """The parts that are the same thing as part i, if any: (distance, the later of both, the earlier)."""
+        a, of_a = parts[i]
+        others = ((k, b) for k, (b, of_b) in parts.items() if a.kind == b.kind and not of_a & of_b)
+        return [(apart, max(i, k), min(i, k)) for k, b in others if (apart := _apart(a, b)) <= settings.merge]
+
+    yield max(1, len(parts)) * VISIT_NS, Elements(name, time_ns, tuple(element for element, _ in parts.values()))
+    pairs = {pair for i in parts for pair in near(i)}
+    visits = len(parts) ** 2
+    while pairs:
+        _, i, k = min(pairs)
+        (b, of_b), (a, of_a) = parts.pop(i), parts[k]
+        parts[k] = _one_of(a, b), of_a | of_b
+        pairs = {pair for pair in pairs if not {i, k} & set(pair[1:])} | set(near(k))
+        yield visits * VISIT_NS, Elements(name, time_ns, tuple(element for element, _ in parts.values()))
+        visits = len(parts)  # only the distances of the new one are to be found
 
 
 def _apart(a: Element, b: Element) -> float:

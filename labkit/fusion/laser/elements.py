@@ -68,7 +68,7 @@ def _rough(thing: Disc | Polygon, settings: Settings) -> Element | None:
     x, y = thing.corners.mean(axis=0).tolist()
     if longest >= settings.border:
         return Element("border", x, y, longest, _sure_of_wall(longest, settings))
-    extent = float(np.hypot(*np.ptp(thing.corners, axis=0)))
+    extent = float(np.hypot(*(thing.corners[:, None] - thing.corners).T).max())  # whichever way it is turned
     if SMALLEST * settings.robot <= extent <= LARGEST * np.sqrt(2) * settings.robot:
         return Element("robot", x, y, settings.robot, _supported(thing.points))
     return None
