@@ -149,7 +149,7 @@ class Core:
             if now >= until:
                 break
             end = now + task.remaining
-            if self.held:
+            if held := self.held:
                 due = tick_due = self._held_tick_due()
             elif self.every_tick or (time_slicing and len(rings[task.priority]) > 2):  # as in tick_due
                 due = tick_due = (self.ticks + 1) * tick + self.origin
@@ -162,7 +162,7 @@ class Core:
             if end < due and end < until:
                 task.remaining = 0
                 self.now = end
-                if not self.held:
+                if not held:
                     self.ticks = (end - self.origin) // tick  # the ticks passed over meant nothing
             elif due < until:
                 if due > now:
@@ -210,7 +210,12 @@ class Core:
                     self.ticks = max(self.ticks, (self.now - self.origin - 1) // self.tick)  # as below, one that is due now apart
                 self._handle_device(first)
             elif tick_due <= self.now:
-                self._tick(tick_due)
+                if self.held:
+                    self._hold_tick()
+                else:
+                    if self.every_tick:
+                        self.spend(self.costs.tick, TICK_COST)
+                    self.count_tick((tick_due - self.origin) // self.tick)
                 tick_due += self.tick  # the earliest at which another one can be due
             else:
                 if not self.held:
@@ -233,14 +238,6 @@ class Core:
             count += 1
             if count == ZERO_TIME_LIMIT:
                 raise ValueError(f"{count} device interrupts in a row up to cycle {at}; no task gets to run between them")
-
-    def _tick(self, due: int) -> None:
-        if self.held:
-            self._hold_tick()
-            return
-        if self.every_tick:
-            self.spend(self.costs.tick, TICK_COST)
-        self.count_tick((due - self.origin) // self.tick)
 
     def count_tick(self, ticks: int) -> None:
         """Wake the tasks that are due in the order of wake time, then of going to sleep; then test the slice (rules 3, 4)."""
@@ -360,8 +357,9 @@ class Core:
         if task.waits_in is not None:
             self.leave(task, task.waits_in)
         task.state = READY
-        self.ready.insert(task)
-        priority = task.priority
+        priority, ready = task.priority, self.ready
+        ready.rings[priority].insert(-1, task)  # as ReadyLists.insert does, since every job comes by here
+        ready.occupied |= ready.bits[priority]
         if not priority:
             self.idle.remaining = 0  # it has to look whether it is alone
         self.log((self.now, READIED, task.code, -1, priority, 0))

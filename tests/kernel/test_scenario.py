@@ -119,6 +119,36 @@ STEP = ("tasks", 0, "program", 0)
         (("end_tick",), KeyError, "the scenario has no end_tick; a whole number from 1 to 10000000 is needed"),
         (("tasks",), KeyError, "the scenario has no tasks; a list of at most 1000 tasks is needed"),
         (("config",), {"cores": 2}, "config: cores is 2; only 1, which the model covers, is allowed"),
+        (("config",), {"pending_ticks": "two"}, "config: pending_ticks is 'two'; one of all, one is allowed"),
+        (("config",), {"timers": 1}, "config: timer_task_priority is None; a whole number from 0 to 7 is allowed"),
+        (STEP, ["delay_until", 5, 0, 0], "delay_until has 3 arguments; it takes 1 to 2: period, skip"),
+        (STEP, ["notify", "B", "eFly", 0, 0, 0], "notify: 'eFly' is not allowed; 'eNoAction', 'eSetBits', "),
+        (STEP, ["notify_give", "B", 3], "notify_give: index is 3; a whole number from 0 to 2 is allowed"),
+        (STEP, ["wait_bits", "M", 1, "any", "keep", 0, 0], "wait_bits: 'M' is a mutex; an event_group is allowed"),
+        (STEP, ["set_last_wake", None], "set_last_wake: offset is None; a whole number from -4294967295 to"),
+        (STEP, ["timer_start", "T", 0, 0], "timer_start: there is no timer 'T'; known names are M, S, Q, R, A, B"),
+        (
+            STEP,
+            ["pend_call", [["burn", 1]], 0, 0],
+            "pend_call is for the timer task, and the scenario has none; config: timers 1",
+        ),
+        (STEP, ["create", "self"], "create: there is no task 'self'"),
+        (("objects", 0), {"name": "T", "kind": "timer"}, "a timer is for the timer task, and the scenario has none"),
+        (("objects", 0), {"name": "W", "kind": "stream_buffer", "length": 3, "trigger": 4}, "object 'W': trigger is 4; a whole"),
+        (("objects", 0), {"name": "W", "kind": "message_buffer", "length": 4}, "object 'W': length is 4; a whole number from 5"),
+        (
+            ("objects", 3),
+            {"name": "G", "kind": "queue_set", "members": ["M"]},
+            "members: there is no queue or binary or counting 'M'",
+        ),
+        (("objects", 3), {"name": "G", "kind": "queue_set", "members": ["Q", "Q"]}, "members are Q, Q; each is allowed once"),
+        (
+            ("isr", 0),
+            {"tick": 1, "op": "set_bits", "target": "S"},
+            "isr 0: set_bits: 'S' is a counting; an event_group is allowed",
+        ),
+        (("isr", 0), {"tick": 1, "op": "notify", "target": "A", "action": "x"}, "isr 0: notify: 'x' is not allowed; 'eNoAction'"),
+        (("isr", 0), {"tick": 1, "op": "overwrite", "target": "Q"}, "isr 0: overwrite: overwrite on queue 'Q' of length 2"),
     ],
 )
 def test_a_mistake_is_one_sentence_with_place_and_remedy(path, value, message):
@@ -333,3 +363,17 @@ def test_textbook_priority_is_the_maximum_of_base_and_waiters(scenario):
             held[other] = task
         elif kind == "give":
             held.pop(other, None)
+
+
+def test_a_step_about_a_task_that_is_not_there_yet_says_so():
+    absent = {"name": "C", "priority": 1, "loop_from": None, "created": 0, "program": []}
+    scenario = set_at(("tasks",), [{**GOOD["tasks"][0], "program": [["burn", 1], ["notify_give", "C"]]}, absent])
+    with pytest.raises(ValueError, match="task 'C' has not been created yet; only a task that exists can be named"):
+        run_scenario(read_scenario(scenario))
+
+
+def test_a_pended_call_is_checked_step_by_step():
+    scenario = set_at(STEP, ["pend_call", [["burn", 1], ["take", "M", -1, 0]], 0, 0])
+    scenario["config"] = {"timers": 1, "timer_task_priority": 3}
+    with pytest.raises(ValueError, match="task 'A', step 0: pend_call, step 1: take: timeout is -1"):
+        read_scenario(scenario)

@@ -150,7 +150,7 @@ def _step(name: str, given: Any, where: str, known: Known, left: int) -> Step:
     needed = sum(not word.endswith("?") for word in words)
     if not needed <= len(given) <= len(words):
         takes = f"{len(words)}" if needed == len(words) else f"{needed} to {len(words)}"
-        listed = f": {', '.join(words)}" if words else ""
+        listed = f": {', '.join(word.removesuffix('?') for word in words)}" if words else ""
         raise ValueError(f"{where}: {name} has {len(given)} arguments; it takes {takes}{listed}")
     arguments: list[Any] = []
     skip = 0
@@ -237,5 +237,9 @@ def _named(value: Any, kinds: list[str], where: str, known: Mapping[str, str]) -
         some = ", ".join(list(known)[:20]) + (", ..." if len(known) > 20 else "")
         raise ValueError(f"{where}: there is no {' or '.join(kinds)} {shown(value)}; known names are {some}")
     if kind not in kinds:
-        raise ValueError(f"{where}: {value!r} is a {kind}; a {' or '.join(kinds)} is allowed")
+        raise ValueError(f"{where}: {value!r} is {_a(kind)}; {_a(' or '.join(kinds))} is allowed")
     return value
+
+
+def _a(noun: str) -> str:
+    return f"{'an' if noun[0] in 'aeiou' else 'a'} {noun}"
