@@ -33,12 +33,16 @@ def test_what_is_not_the_readers_to_move_is_named():
     assert not feedback.solved and feedback.text == "move pose_work only; leave wheel_work=3.0, odometry_work=5.0."
 
 
+def bars(recording):
+    """(start, length) of each run that is drawn, in ms."""
+    drawn = next(t for t in recording.figure(recording.run())["data"] if t["type"] == "bar" and len(t["x"]))
+    return sorted((round(at, 3), round(wide, 3)) for at, wide in zip(drawn["base"], drawn["x"], strict=True))
+
+
 def test_the_excerpt_is_drawn_as_it_was_logged():
     excerpt = OwnRecording()
     result = excerpt.run()
-    bars = next(t for t in excerpt.figure(result)["data"] if t["type"] == "bar" and len(t["x"]))
-    drawn = sorted((round(at, 3), round(wide, 3)) for at, wide in zip(bars["base"], bars["x"], strict=True))
-    assert drawn == [(0.001, 0.026), (0.028, 0.303), (0.332, 0.003), (7.412, 0.091), (7.95, 0.018)]
+    assert bars(excerpt) == [(0.001, 0.026), (0.028, 0.303), (0.332, 0.003), (7.412, 0.091), (7.95, 0.018)]
     assert result.says().startswith("xu2025_trace_unordered.log, read as log: 11 lines, 5 out of order, 1 repaired, 0 left out.")
 
 
@@ -59,6 +63,9 @@ def test_a_window_shows_only_what_is_in_it():
     recording = OwnRecording(file=str(example("board.log")), start=50, end=60)
     axis = recording.figure(recording.run())["layout"]["xaxis"]
     assert axis["range"] == [50, 60]
+    whole, part = (bars(each) for each in (recording.replace(start=0, end=LONGEST), recording))
+    inside = [(at, at + wide) for at, wide in whole if at < 60 and at + wide > 50]
+    assert inside and [bar for bar in ((at, at + wide) for at, wide in part) if bar[0] < 60 and bar[1] > 50] == inside
     beyond = recording.replace(start=LONGEST)
     low, high = beyond.figure(beyond.run())["layout"]["xaxis"]["range"]
     assert low < high <= beyond.run().length
