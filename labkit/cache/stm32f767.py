@@ -1,6 +1,6 @@
 """The STM32F767's memory map and the two MPU regions of source 1.
 
-Addresses and sizes: source 1, tables 4 and 5 (RM0410). Attributes: the default map of Armv7-M (DUI0646, table 2.12): code
+Addresses and sizes: source 1, figures 4 and 5 (RM0410). Attributes: the default map of Armv7-M (DUI0646, table 2.12): code
 region write-through, SRAM write-back with write-allocate, peripherals device; TCM is never cached (DDI0489 5.9).
 """
 

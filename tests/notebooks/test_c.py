@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 NOTEBOOKS = Path(__file__).parents[2] / "notebooks"
-HEADERS = Path(__file__).parent / "freertos"
+HEADERS = [Path(__file__).parent / name for name in ("freertos", "cmsis")]
 STRICT = ("-std=c11", "-Wall", "-Wextra", "-Werror", "-fsyntax-only", "-x", "c", "-")
 GCC = shutil.which("gcc")
 
@@ -26,7 +26,7 @@ def blocks(path):
 
 def compiled(code):
     """What gcc complains about; '' if nothing."""
-    return subprocess.run([GCC, f"-I{HEADERS}", *STRICT], input=code, capture_output=True, text=True, timeout=60).stderr
+    return subprocess.run([GCC, *(f"-I{folder}" for folder in HEADERS), *STRICT], input=code, capture_output=True, text=True, timeout=60).stderr
 
 
 WITH_C = [path for path in sorted(NOTEBOOKS.glob("*.ipynb")) if blocks(path)]

@@ -13,6 +13,8 @@ NOTEBOOKS = Path(__file__).parents[2] / "notebooks"
 CHECKED = (
     "00_start_here.ipynb",
     "01_priority_inversion.ipynb",
+    "02_cache_speedups.ipynb",
+    "03_dma_coherence.ipynb",
     "04_trace_sink.ipynb",
     "05_tick_rates.ipynb",
     "06_micro_ros_vs_freertos.ipynb",
@@ -48,6 +50,8 @@ def test_solutions_solve(name):
         exec(imports, names)
         given = value(exercise, names)
         assert isinstance(given, Feedback) and not given.solved, f"exercise {number} as it is given: {given}"
-        runs = [code for code in re.findall(r"`([^`]*)`", solution) if "check_" in code or re.match(r"\w+ = ", code)]
+        blocks = re.findall(r"```python\n(.*?)```", solution, flags=re.DOTALL)
+        runs = [block if "check_" in block else block + exercise.splitlines()[-1] for block in blocks]
+        runs += [code for code in re.findall(r"`([^`]*)`", solution) if "check_" in code or re.match(r"\w+ = ", code)]
         answers = [answer for code in runs if isinstance(answer := value(code, names), Feedback)]
         assert answers and all(answer.solved for answer in answers), f"solution {number}: {answers}"
