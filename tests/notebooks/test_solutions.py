@@ -18,6 +18,8 @@ CHECKED = (
     "04_trace_sink.ipynb",
     "05_tick_rates.ipynb",
     "06_micro_ros_vs_freertos.ipynb",
+    "07_schedulability.ipynb",
+    "08_taft_phases.ipynb",
     "11_laser_pipeline.ipynb",
 )
 
