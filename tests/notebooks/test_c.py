@@ -26,7 +26,9 @@ def blocks(path):
 
 def compiled(code):
     """What gcc complains about; '' if nothing."""
-    return subprocess.run([GCC, *(f"-I{folder}" for folder in HEADERS), *STRICT], input=code, capture_output=True, text=True, timeout=60).stderr
+    return subprocess.run(
+        [GCC, *(f"-I{folder}" for folder in HEADERS), *STRICT], input=code, capture_output=True, text=True, timeout=60
+    ).stderr
 
 
 WITH_C = [path for path in sorted(NOTEBOOKS.glob("*.ipynb")) if blocks(path)]

@@ -54,6 +54,7 @@ def test_solutions_solve(name):
         assert isinstance(given, Feedback) and not given.solved, f"exercise {number} as it is given: {given}"
         blocks = re.findall(r"```python\n(.*?)```", solution, flags=re.DOTALL)
         runs = [block if "check_" in block else block + exercise.splitlines()[-1] for block in blocks]
-        runs += [code for code in re.findall(r"`([^`]*)`", solution) if "check_" in code or re.match(r"\w+ = ", code)]
+        prose = re.sub(r"```.*?```", "", solution, flags=re.DOTALL)
+        runs += [code for code in re.findall(r"`([^`]*)`", prose) if "check_" in code or re.match(r"\w+ = ", code)]
         answers = [answer for code in runs if isinstance(answer := value(code, names), Feedback)]
         assert answers and all(answer.solved for answer in answers), f"solution {number}: {answers}"
