@@ -71,7 +71,7 @@ from labkit.fusion.laser import (
     taubin,
     within,
 )
-from labkit.fusion.levels import LEVELS, Fusion, Judged, Level, fuse_at, judged, sent_bytes
+from labkit.fusion.levels import LEVELS, Fusion, Judged, Level, fuse_at, fuse_levels, judged, sent_bytes
 from labkit.fusion.levels_contours import fuse_contours
 from labkit.fusion.levels_objects import fuse_objects
 from labkit.fusion.measurements import COLUMNS, ESTIMATE, Measurement, Reading, read_measurements, write_estimates
@@ -161,6 +161,7 @@ __all__ = [
     "fuse_at",
     "fuse_contours",
     "fuse_elements",
+    "fuse_levels",
     "fuse_objects",
     "fuse_points",
     "gate_squared",

@@ -18,12 +18,12 @@ from typing import Any, Literal, TypeVar
 import numpy as np
 
 from labkit.fusion.joining import fuse_elements, fuse_points
-from labkit.fusion.judging import gospa, ospa
+from labkit.fusion.judging import ospa, rmse
 from labkit.fusion.laser.arcs import search_arcs
 from labkit.fusion.laser.chain import within
 from labkit.fusion.laser.edges import extract_edges
 from labkit.fusion.laser.elements import element_filter
-from labkit.fusion.laser.formats import NO_ARCS, NO_EDGES, Contours, Elements, Objects, Points
+from labkit.fusion.laser.formats import NO_ARCS, NO_EDGES, Contours, Element, Elements, Objects, Points
 from labkit.fusion.laser.objects import object_filter
 from labkit.fusion.laser.quality import seen_bodies
 from labkit.fusion.laser.settings import Settings
@@ -84,10 +84,34 @@ def fuse_at(
     """
     if level not in LEVELS:
         raise ValueError(f"there is no fusion at the level {level!r}; there are {', '.join(LEVELS)}")
+    return fuse_levels(stations, settings, budget_ns, (level,))[level]
+
+
+def fuse_levels(
+    stations: Sequence[Points],
+    settings: Settings | None = None,
+    budget_ns: Mapping[Stage, int] | None = None,
+    levels: Sequence[Level] = LEVELS,
+) -> dict[Level, Fusion]:
+    """`fuse_at` for several levels; what the stations do before they send is computed once. Raises ValueError as it does."""
     if not stations:
         raise ValueError("the data of no station are to be fused; at least one is needed")
-    settings, budgets, at = settings or Settings(), budget_ns or {}, LEVELS.index(level)
-    own = [_climb(points, LEVELS[1 : at + 1], settings, budgets) for points in stations]
+    settings, budgets = settings or Settings(), budget_ns or {}
+    own: list[tuple[int, Any]] = [(0, points) for points in stations]
+    made: dict[Level, Fusion] = {}
+    for at, level in enumerate(LEVELS):
+        if at:
+            climbed = [_climb(data, LEVELS[at : at + 1], settings, budgets) for _, data in own]
+            own = [(before + cost, data) for (before, _), (cost, data) in zip(own, climbed, strict=True)]
+        if level in levels:
+            made[level] = _fused(level, own, settings, budgets)
+        if len(made) == len(levels):
+            break
+    return made
+
+
+def _fused(level: Level, own: Sequence[tuple[int, Any]], settings: Settings, budgets: Mapping[Stage, int]) -> Fusion:
+    """Fuse the stations' data, each with the time it has taken, and take the result up to elements."""
     sent = tuple(data for _, data in own)
     fusions: dict[Level, Callable[[], Iterator[tuple[int, Any]]]] = {
         "points": lambda: fuse_points(sent),
@@ -96,12 +120,13 @@ def fuse_at(
         "elements": lambda: fuse_elements(sent, settings),
     }
     fusion_ns, fused = _timed(fusions[level](), budgets.get("fusion"), sent[0])
-    after_ns, elements = _climb(fused, LEVELS[at + 1 :], settings, budgets)
+    after_ns, elements = _climb(fused, LEVELS[LEVELS.index(level) + 1 :], settings, budgets)
     if level != "elements":
         one_by_one = [replace(elements, elements=(element,)) for element in elements.elements] or [elements]
         cost, last = _timed(fuse_elements(one_by_one, settings), budgets.get("fusion"), elements)
         after_ns, elements = after_ns + cost, replace(elements, elements=last.elements)
-    return Fusion(level, sent, fused, elements, tuple(map(sent_bytes, sent)), tuple(cost for cost, _ in own), fusion_ns, after_ns)
+    before_ns = tuple(cost for cost, _ in own)
+    return Fusion(level, sent, fused, elements, tuple(map(sent_bytes, sent)), before_ns, fusion_ns, after_ns)
 
 
 def _climb(data: Any, formats: Sequence[Level], settings: Settings, budgets: Mapping[Stage, int]) -> tuple[int, Any]:
@@ -158,34 +183,44 @@ class Judged:
 
     Attributes:
         ospa: OSPA distance in m, cut off at `CUTOFF`: errors of place, ghosts and missed things in one number.
-        ghosts: elements with nothing there. missed: things that somebody has seen without an element. things: all of those.
-        error: root mean square distance in m of the pairs, nan if there are none.
+        ghosts: elements with nothing there. missed: names of things that somebody has seen, but are not in the picture.
+        things: how many somebody has seen.
+        error: root mean square distance in m of the others to what they are, nan if there are none.
     """
 
     ospa: float
-    ghosts: int
-    missed: int
+    ghosts: tuple[Element, ...]
+    missed: tuple[str, ...]
     things: int
     error: float
 
     @property
     def completeness(self) -> float:
         """Share of the things that are in the picture; 1 if there is nothing to see."""
-        return 1 - self.missed / self.things if self.things else 1.0
+        return 1 - len(self.missed) / self.things if self.things else 1.0
 
 
 def judged(world: World, stations: Sequence[Points], elements: Elements) -> Judged:
-    """How good a fused picture is, at its own time; what at least one station has seen should be in it."""
+    """How good a fused picture is, at its own time; what at least one station has seen should be in it.
+
+    Things and elements of one kind are taken as pairs so that the sum of the squared distances, cut off, is least (as in OSPA).
+    """
+    from scipy.optimize import linear_sum_assignment
+
     seen = {body.name for points in stations for body in seen_bodies(world, points)}
-    true = _places((b.kind, *b.motion.at(elements.time_ns)[:2].tolist()) for b in world.bodies if b.name in seen)
-    found = _places((element.kind, element.x, element.y) for element in elements.elements)
-    parts, unit = gospa(found, true, CUTOFF), CUTOFF**2 / 2
-    missed, ghosts = round(parts.missed / unit), round(parts.false / unit)
-    pairs = len(true) - missed
-    error = float(np.sqrt(parts.localisation / pairs)) if pairs else float("nan")
-    return Judged(ospa(found, true, CUTOFF), ghosts, missed, len(true), error)
+    bodies = [body for body in world.bodies if body.name in seen and body.kind in KINDS]
+    known = [element for element in elements.elements if element.kind in KINDS]
+    true = _places([(body.kind, *body.motion.at(elements.time_ns)[:2].tolist()) for body in bodies])
+    found = _places([(element.kind, element.x, element.y) for element in known])
+    apart = np.abs(found[:, None] - true)
+    rows, columns = linear_sum_assignment(np.minimum(apart, CUTOFF) ** 2)
+    near = apart[rows, columns] < CUTOFF
+    ghosts = tuple(known[i] for i in sorted({*range(len(known))} - {*rows[near].tolist()}))
+    missed = tuple(bodies[k].name for k in sorted({*range(len(bodies))} - {*columns[near].tolist()}))
+    error = rmse(apart[rows, columns][near]) if near.any() else float("nan")
+    return Judged(ospa(found, true, CUTOFF), ghosts, missed, len(bodies), error)
 
 
-def _places(things: Iterator[tuple[str, float, float]]) -> np.ndarray:
+def _places(things: Sequence[tuple[str, float, float]]) -> np.ndarray:
     """Places of balls and robots as complex numbers, each kind in a plane of its own."""
-    return np.array([x + 1j * y + FAR * KINDS.index(kind) for kind, x, y in things if kind in KINDS], dtype=complex)
+    return np.array([x + 1j * y + FAR * KINDS.index(kind) for kind, x, y in things], dtype=complex)
