@@ -1,5 +1,6 @@
 """The application made from a scenario: compiled against prototypes where gcc is present, and read where it is not."""
 
+import re
 import shutil
 import subprocess
 from pathlib import Path
@@ -116,3 +117,96 @@ def test_the_command_writes_the_files(tmp_path, capsys):
 def test_the_command_says_what_is_wrong(tmp_path, capsys):
     assert main(["firmware", str(SCENARIOS[0]), "--out", str(tmp_path), "--tick-hz", "0"]) != 0
     assert "tick_hz is 0; a whole number from 1 to" in capsys.readouterr().err
+
+
+# The way through a program: run it on functions that answer as they are told, and follow the steps beside it.
+
+
+def answers():
+    """Zeros and ones, the same as in the C below."""
+    state = 1
+    while True:
+        state = (state * 1103515245 + 12345) & 0x7FFFFFFF
+        yield state >> 16 & 1
+
+
+SCRIPT = """
+#define main application
+#include "main.c"
+#undef main
+#include "timers.h"
+#include <stdio.h>
+#include <stdlib.h>
+static uint32_t state = 1;
+static int calls = 0;
+static unsigned called(const char *name)
+{
+    puts(name);
+    if (++calls == 60) exit(0);
+    state = (state * 1103515245u + 12345u) & 0x7fffffffu;
+    return state >> 16 & 1u;
+}
+void board_start(void) {}
+uint32_t board_cycles(void) { return 0; }
+void board_finished(void) {}
+"""
+
+
+def answering():
+    """A body for every prototype: it tells its name, and returns the next answer."""
+    text = SCRIPT
+    for header in sorted(STUBS.glob("*.h")):
+        prototypes = re.findall(r"^(\w+) (\w+)\(([^;]*)\);", header.read_text(), flags=re.MULTILINE | re.DOTALL)
+        for kind, name, arguments in prototypes:
+            back = "" if kind == "void" else f"return ({kind}) (uintptr_t) "
+            text += f'{kind} {name}({arguments}) {{ {back}called("{name}"); }}\n'
+    return text
+
+
+def followed(task):
+    """Names of the functions that the steps call, with those answers, at most 60."""
+    answer, at, selected, called = answers(), 0, False, []
+    while len(called) < 60:
+        if at == len(task.program):
+            if task.loop_from is None:
+                return [*called, "vTaskDelete"]
+            at = task.loop_from
+            continue
+        step = task.program[at]
+        at += 1
+        if step.name == "burn" or (step.name == "recv_selected" and not selected):
+            at += step.skip if step.name == "recv_selected" else 0
+            continue
+        call = CALLS.get(step.name) or ANSWERS.get(step.name, ({"create": "xTaskCreate"}.get(step.name, "xTaskGetTickCount"),))[0]
+        call = "xSemaphoreTake" if step.name == "recv_selected" else re.search(r"[uvx]\w*[A-Z]\w+|task[A-Z]\w+", call)[0]
+        called.append(call)
+        got = next(answer)
+        match step.name:
+            case "select":
+                selected = bool(got)
+            case "wait_bits":
+                bits, every = step.arguments[1:3]
+                got = got & bits == bits if every else got & bits
+            case "sync":
+                got = got & step.arguments[2] == step.arguments[2]
+            case "stream_send" | "message_send":
+                got = got >= step.arguments[1]
+        at += 0 if got else step.skip
+    return called
+
+
+@pytest.mark.skipif(GCC is None, reason="no gcc")
+@pytest.mark.parametrize("scenario", [path for path in SCENARIOS if path.stem[0] in "m2"][::3], ids=lambda path: path.stem)
+def test_each_task_goes_the_way_its_steps_say(scenario, tmp_path):
+    sound = read_scenario(scenario)
+    written(sound, tmp_path)
+    text = (tmp_path / "main.c").read_text()
+    for number, task in enumerate(sound.tasks):
+        if not any(step.name != "burn" for step in task.program):
+            continue  # it makes no call that would end it
+        run = re.findall(r"^static void (run_\w+)\(", text, flags=re.MULTILINE)[number]
+        (tmp_path / "script.c").write_text(f"{answering()}int main(void) {{ {run}(NULL); return 0; }}\n")
+        command = [GCC, "-w", "-I", str(tmp_path), "-I", str(STUBS), "-o", str(tmp_path / "script"), str(tmp_path / "script.c")]
+        subprocess.run(command, check=True)
+        told = subprocess.run([tmp_path / "script"], capture_output=True, text=True, check=True, timeout=20).stdout
+        assert told.split() == followed(task)[:60], task.name
