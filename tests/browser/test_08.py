@@ -11,7 +11,19 @@ def test_taft_phases(open_notebook):
     nb.run_all(120_000)
     windows, designs, timeliness = (nb.page.locator(".lab-bench").nth(i) for i in range(3))
     expect(windows.locator(".lab-metrics")).to_contain_text("3.9 ms")
-    nb.figure(0)
+    for phase in (
+        "Input",
+        "ContourFilter",
+        "Communication",
+        "ContourFusion",
+        "ObjectFilter",
+        "ElementFilter",
+        "ElementFusion",
+        "Output",
+    ):
+        assert nb.figure(0).locator(".bartext", has_text=phase).count() == 2, phase
+    windows.scroll_into_view_if_needed()
+    nb.screenshot("08-windows")
     for _ in range(4):
         nb.page.locator(".lab-bench").nth(0).locator(".lab-period .noUi-handle").press("ArrowLeft")
     expect(windows.locator(".lab-metrics")).to_contain_text("-0.1 ms")
@@ -27,6 +39,7 @@ def test_taft_phases(open_notebook):
 
     nb.figure(2).scroll_into_view_if_needed()
     expect(timeliness.locator(".lab-metrics")).to_contain_text("84 periods")
+    nb.screenshot("08-timeliness-start")
     timeliness.locator(".lab-arcs-ecet .noUi-handle").press("ArrowLeft")
     expect(timeliness.locator(".lab-metrics")).not_to_contain_text("84 periods")
     nb.screenshot("08-timeliness")
