@@ -387,7 +387,9 @@ class Kernel:
     @property
     def deadlock(self) -> tuple[Wait, ...]:
         """Who waits for ever at this time, see `Run.deadlock`."""
-        return find_deadlock([task for task in self.tasks if task.name not in (IDLE, TIMER)], bool(self._core.devices))
+        daemon = self._core.daemon
+        waits = [task for task in self.tasks if task.name != IDLE and (daemon is None or task.waits_for is not daemon.queue)]
+        return find_deadlock(waits, bool(self._core.devices or (daemon and daemon.due)))
 
     def _start(self) -> None:
         base = {task.name: task.base for task in self.tasks}

@@ -38,10 +38,10 @@ class Run:
 
     Attributes:
         trace: all events from 0 to the end, in CPU cycles.
-        tasks: the tasks in order of creation, the idle task last.
+        tasks: the tasks by name in order of creation, a name used again as it was last; the kernel's own among them.
         tick: CPU cycles per tick.
         deadlock: waits without time-out that cannot end: those around a circle of mutexes, or up to a mutex whose holder has
-            ended; failing that, all of them if every task that has not ended waits for ever and no interrupt is due.
+            ended; failing that, all of them if every task that has not ended waits for ever and no interrupt or timer is due.
     """
 
     trace: Trace
@@ -50,7 +50,7 @@ class Run:
     deadlock: tuple[Wait, ...] = ()
 
 
-def find_deadlock(tasks: Iterable[Task], interrupts_due: bool) -> tuple[Wait, ...]:
+def find_deadlock(tasks: Iterable[Task], more_to_come: bool) -> tuple[Wait, ...]:
     """The waits of a deadlock, see `Run.deadlock`; of several, the one that the task created first is in."""
     alive = [task for task in tasks if task.state != DELETED]
     stuck = [task for task in alive if task.state == BLOCKED and not task.alarm]
@@ -60,7 +60,7 @@ def find_deadlock(tasks: Iterable[Task], interrupts_due: bool) -> tuple[Wait, ..
             chain.append(holder)
         if holder is task or (holder is not None and holder.state == DELETED):
             return tuple(wait_of(each) for each in chain)
-    if stuck and len(stuck) == len(alive) and not interrupts_due:
+    if stuck and len(stuck) == len(alive) and not more_to_come:
         return tuple(wait_of(each) for each in stuck)
     return ()
 

@@ -215,3 +215,20 @@ def test_a_callback_that_blocks_holds_up_every_timer():
     k.timer("second", 3, lambda os: None, started=True)
     run = k.run(120)
     assert run.trace.rows("timer_expired")[:, 0].tolist() == [20, 80]  # at 2, and at 8 instead of 3
+
+
+def test_who_waits_for_what_a_timer_will_do_is_in_no_deadlock():
+    def waits_for(auto_reload):
+        k = kernel()
+        signal = k.binary("signal")
+
+        def body(os):
+            while True:
+                yield os.take(signal)
+
+        k.timer("timer", 2, lambda os: (yield os.give(signal)), auto_reload=auto_reload, started=True)
+        k.task("a", body, 1)
+        return [str(wait) for wait in k.run(100).deadlock]
+
+    assert waits_for(auto_reload=True) == []
+    assert waits_for(auto_reload=False) == ["a waits for signal"]
