@@ -207,7 +207,7 @@ class MissRates(Experiment[dict[str, list[float | None]]]):
         used = len(np.unique(self.references(self.stride).address // LINE % sets))
         return [
             Metric("misses", result["size"][SIZES.index(self.size)], "%"),
-            Metric("lines touched", lines, f"of {self.size // LINE} that fit", good=lines <= self.size // LINE),
+            Metric("lines touched", lines, f"of {self.size // LINE} that fit"),
             Metric("sets used", used, f"of {sets}", note="a stride that is a multiple of sets x 32 bytes uses one set only"),
             Metric("fewest possible misses", 100 * lines / (VISITS * self.elements), "%", note="each line once"),
         ]
@@ -226,6 +226,7 @@ class MatrixOrders(Experiment[dict[str, MissClasses]]):
     """
 
     slow: ClassVar[bool] = True
+    headline: ClassVar[tuple[str, ...]] = ("misses of the order shown", "best order", "worst against best")
 
     n: Annotated[int, Interval(ge=8, le=24), MultipleOf(8), Doc("rows and columns")] = 24
     tile: Annotated[
@@ -298,7 +299,9 @@ class MatrixOrders(Experiment[dict[str, MissClasses]]):
     def metrics(self, result: dict[str, MissClasses]) -> list[Metric]:
         mine, steps = result[self.order], self.n**3
         return [
-            Metric("misses of the order shown", mine.total, f"in {4 * steps} accesses"),
+            Metric(
+                "misses of the order shown", mine.total, f"of {4 * steps:,}".replace(",", "\u202f"), note="accesses to memory"
+            ),
             Metric("compulsory", mine.compulsory, "lines"),
             Metric("capacity", mine.capacity, "lines"),
             Metric("conflict", mine.conflict, "lines"),

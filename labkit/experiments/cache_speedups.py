@@ -140,7 +140,7 @@ class PublishedSpeedups(Experiment[dict[str, list[Pair]]]):
 
     quantity: Annotated[
         Literal["mean", "share"],
-        Labels({"mean": "mean duration of one activation", "share": "share of all time"}),
+        Labels({"mean": "mean of one activation", "share": "share of all time"}),
         Doc("what the rows show"),
     ] = "mean"
     tasks: Annotated[

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, Literal
 
 from annotated_types import Interval, MultipleOf, Unit
 from typing_extensions import Doc
@@ -86,8 +86,6 @@ class TimingModel(Experiment[tuple[Cost, Cost]]):
     robot's tasks.
     """
 
-    headline: ClassVar[tuple[str, ...]] = ("speed-up", "without caches", "with caches")
-
     coldness: Coldness = 60
     passes: Annotated[int, Interval(ge=1, le=20), Doc("how often a job runs through its code: 1 is straight on, 20 a loop")] = 1
     insensitive: Annotated[
@@ -134,10 +132,10 @@ class TimingModel(Experiment[tuple[Cost, Cost]]):
         control = [measured_factor(platform, name, rates) for platform, name in CLAIMS if name != "IDLE" for rates in RATES]
         factor = off.total / on.total
         return [
-            Metric("wait states of the flash", wait_states(self.clock * MHZ), "cycles", note="RM0410, 2.7 to 3.6 V"),
+            Metric("speed-up", factor, "×"),
             Metric("without caches", off.total / INSTRUCTIONS, "cycles/instr."),
             Metric("with caches", on.total / INSTRUCTIONS, "cycles/instr."),
-            Metric("speed-up", factor, "×"),
+            Metric("wait states of the flash", wait_states(self.clock * MHZ), "cycles", note="RM0410, 2.7 to 3.6 V"),
             Metric(
                 "measured rows within 10 %",
                 sum(abs(factor / m - 1) <= 0.1 for m in control),
@@ -185,8 +183,6 @@ class Explanations(Experiment[Explanation]):
     instructions and for the time that no cache changes. If that comes out negative, the choice is refuted; else it fits exactly.
     Right: the same program at other clocks, which nobody measured. Grey: the explanation with caches that are never cold.
     """
-
-    headline: ClassVar[tuple[str, ...]] = ("explains both times", "instructions of a job", "time no cache changes")
 
     task: Annotated[
         Literal["wheel_ctrl", "odometry", "pose_control", "w_ctrl", "odom", "p_ctrl"],

@@ -43,7 +43,7 @@ KINDS = {
 }
 
 
-def cache_map(history: History, step: int, parameter: str = "", height: int = 480) -> Spec:
+def cache_map(history: History, step: int, parameter: str = "", height: int = 410) -> Spec:
     """The map after `step` accesses of a history, and below every access, done and still to come; a click on one sets the
     parameter that has this name.
     """
@@ -127,7 +127,7 @@ def _accesses(timeline: Mapping[str, np.ndarray], step: int, parameter: str) -> 
         }
         for kind, some in chosen.items()
     ]
-    top = _rung(int(offset.max(initial=0)), 256, 4)
+    top = _rung(int(offset.max(initial=0)), 384, 4)
     now: Spec = {"type": "line", "yref": "y domain", "x0": step + 0.5, "x1": step + 0.5, "y0": 0, "y1": 1}
     title = f"access (addresses counted from {base:#010x})" if len(number) else "access"
     x = axis(title, range=[0, _rung(len(number) + 1, 40, 3)])

@@ -3,6 +3,8 @@
 import pytest
 from playwright.sync_api import expect
 
+from tests.browser.test_02_cache_speedups import pictures
+
 pytestmark = pytest.mark.browser
 
 CELLS = "figure => figure.data[1].text.slice(3 * 64, 3 * 64 + 32).join('')"  # what the DMA lane of the first bench shows
@@ -10,11 +12,12 @@ CELLS = "figure => figure.data[1].text.slice(3 * 64, 3 * 64 + 32).join('')"  # w
 
 def test_step_slider_and_switches_move_the_lanes(open_notebook):
     nb = open_notebook("03_dma_coherence.ipynb")
-    nb.run_all()
+    nb.run_all(180_000)
+    pictures(nb, "03")
     first, session = ":nth-match(.lab-bench, 1)", ":nth-match(.lab-bench, 4)"
     card = nb.page.locator(f"{first} .lab-metric")
     figure = nb.figure(0)
-    expect(card.nth(0)).to_contain_text("nothing of it")
+    expect(card.nth(0)).to_contain_text("–")  # the story has not been told
     assert figure.evaluate(CELLS) == ""
 
     for _ in range(3):
@@ -24,10 +27,14 @@ def test_step_slider_and_switches_move_the_lanes(open_notebook):
     assert figure.evaluate(CELLS) == "0" * 16
 
     nb.page.locator(f"{first} .lab-before select").select_option(label="clean")
-    expect(card.nth(0)).to_contain_text("everything")
+    nb.page.locator(f"{first} .lab-play").click()
+    expect(card.nth(0)).to_contain_text("everything", timeout=30_000)
     expect(figure).not_to_contain_text("stale bytes")
-    assert figure.evaluate(CELLS) == "hello,agent,here"
+    assert figure.evaluate(CELLS) == "hello,agent,here_is_a_new_packet"
     nb.screenshot("03_cured")
+    for _ in range(2):
+        nb.page.locator(f"{first} .lab-back").click()
+    expect(nb.page.locator(f"{first} .lab-says")).to_contain_text("Step ")
 
     expect(nb.page.locator(f"{session} .lab-metric").nth(0)).to_contain_text("invalid client key")
     nb.page.locator(f"{session} .lab-driver select").select_option(label="clean, size + offset")
