@@ -264,7 +264,7 @@ class Core:
         at, _, device = entry
         before, self.handling = self.handling, device
         self.spend(self.costs.isr_entry, ISR_COST)
-        left = device.cycles
+        left, nested = device.cycles, 0
         while left:
             due = self.devices.next_urgent(device.priority) if self.devices.urgent else FOREVER
             part = min(left, max(due - self.now, 0))
@@ -272,6 +272,9 @@ class Core:
             left -= part
             if left and (first := self.devices.take_urgent(self.now, device.priority)):
                 self._handle_device(first)
+                nested += 1
+                if nested == ZERO_TIME_LIMIT:
+                    raise ValueError(f"{nested} more urgent interrupts in a handler of priority {device.priority}; it never ends")
         device.handler(self.isr)
         self.spend(self.costs.isr_exit, ISR_COST)
         self.handling = before

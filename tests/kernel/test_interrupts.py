@@ -102,6 +102,15 @@ def test_a_task_woken_off_the_tick_gets_its_turn_at_the_next_one(priority):
     assert switches[switches[:, 0] >= 550][0, [0, 2]].tolist() == [600, 2]
 
 
+def test_interrupts_that_take_all_the_time_end_in_an_error():
+    k = kernel()
+    k.task("a", critical_for(1), 1)
+    k.interrupt(20, lambda isr: None, priority=8, cycles=10)
+    k.interrupt(22, lambda isr: None, priority=3, cycles=5, every=5)
+    with pytest.raises(ValueError, match="100000 more urgent interrupts in a handler of priority 8; it never ends"):
+        k.run(200)
+
+
 interrupts = st.lists(
     st.tuples(st.integers(0, 400), st.integers(0, 15), st.integers(0, 30)), min_size=1, max_size=12
 )  # cycle, priority, cycles of the handler
