@@ -57,7 +57,6 @@ MODULES: dict[str, str] = {
     "OneLoss": "group_patterns",
     "LossPatterns": "group_patterns",
     "OmissionDegrees": "group_communication",
-    "DistributedFusion": "distributed_fusion",
     "LaserPipeline": "laser_pipeline",
     "CircleFits": "circle_fits",
     "AnytimeStages": "laser_anytime",
@@ -66,6 +65,9 @@ MODULES: dict[str, str] = {
     "GateShare": "kalman_gate",
     "CrossingElements": "kalman_gate",
     "ClaimedError": "kalman_consistency",
+    "FusionLevels": "fusion_levels",
+    "OneFastObject": "one_fast_object",
+    "DistributedFusion": "distributed_fusion",
 }
 
 
@@ -128,6 +130,10 @@ EXERCISES: dict[str, str] = {
     "check_rolling": "laser_pipeline",
     "check_shortest_time": "laser_anytime",
     "check_two_balls": "laser_views",
+    "check_split": "team_exercises",
+    "check_ghost": "team_exercises",
+    "check_threshold": "team_exercises",
+    "over_scenes": "fusion_levels",
     "agent": "dma_session",
     "CREATE_CLIENT": "dma_session",
 }

@@ -70,9 +70,6 @@ def overlap(a: Disc | Polygon, b: Disc | Polygon, reach: float) -> bool:
     if isinstance(a, Disc) and isinstance(b, Disc):
         return float(np.hypot(a.x - b.x, a.y - b.y)) < a.radius + b.radius
     if isinstance(a, Polygon) and isinstance(b, Polygon):
-        low, high = (np.stack([f(p.corners, axis=0) for p in (a, b)]) for f in (np.min, np.max))
-        if (low[0] > high[1] + reach).any() or (low[1] > high[0] + reach).any():
-            return False
         of_a, of_b = sides(a), sides(b)
         nearest = min(to_edges(a.corners, of_b).min(), to_edges(b.corners, of_a).min())
         return bool(nearest <= reach or _cross(of_a.ends, of_b.ends))
@@ -94,12 +91,22 @@ def _cross(a: np.ndarray, b: np.ndarray) -> bool:
 
 def _groups(found: Sequence[Owned], reach: float) -> list[list[int]]:
     """Indices of objects that belong together, directly or by way of others."""
+    low, high = np.array([_box(thing) for thing, _ in found]).reshape(-1, 2, 2).transpose(1, 0, 2)
+    owner = np.array([of for _, of in found])
+    near = ((low[:, None] <= high + reach) & (high[:, None] >= low - reach)).all(axis=2) & (owner[:, None] != owner)
     group = list(range(len(found)))
-    for i, (a, of_a) in enumerate(found):
-        for k, (b, of_b) in enumerate(found[:i]):
-            if of_a != of_b and group[i] != group[k] and overlap(a, b, reach):
-                group = [group[k] if g == group[i] else g for g in group]
+    for i, k in np.argwhere(np.tril(near)).tolist():
+        if group[i] != group[k] and overlap(found[i][0], found[k][0], reach):
+            group = [group[k] if g == group[i] else g for g in group]
     return [[i for i, g in enumerate(group) if g == name] for name in dict.fromkeys(group)]
+
+
+def _box(thing: Disc | Polygon) -> tuple[np.ndarray, np.ndarray]:
+    """The lowest and the highest x and y of an object."""
+    if isinstance(thing, Polygon):
+        return thing.corners.min(axis=0), thing.corners.max(axis=0)
+    middle = np.array([thing.x, thing.y])
+    return middle - thing.radius, middle + thing.radius
 
 
 def _one(group: Sequence[Owned], stations: int, settings: Settings) -> tuple[int, Objects]:
