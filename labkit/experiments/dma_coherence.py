@@ -30,6 +30,8 @@ BEFORE, AFTER = b"1stvalue", b"2NDVALUE"  # of the neighbour, a variable right b
 HIT, DROPPED = "invalidate hit a dirty neighbour", "invalidate dropped the packet"
 REASONS = CAUSES | {DROPPED: "the packet was in a dirty line that was not written back; clean it, do not invalidate it"}
 
+SHORT = {HIT: "dirty neighbour dropped", DROPPED: "packet dropped"}  # what has no room on a card
+
 DriverStep = Literal["none", "clean", "invalidate", "clean+invalidate"]
 STEPS = Labels({"none": "nothing", "clean+invalidate": "clean and invalidate"})
 
@@ -60,9 +62,10 @@ def causes_of(stages: Sequence[Stage]) -> tuple[str, ...]:
     return tuple(cause for cause, _ in count.most_common())
 
 
-def wrong(causes: Sequence[str]) -> str:
-    """The causes in the words of a card."""
-    return "nothing" if not causes else causes[0] if len(causes) == 1 else f"{causes[0]} (and {len(causes) - 1} more)"
+def wrong(causes: Sequence[str], good: bool | None) -> Metric:
+    """The card that names the causes, or how many there are."""
+    told = "nothing" if not causes else SHORT.get(causes[0], causes[0]) if len(causes) == 1 else f"{len(causes)} failures"
+    return Metric("what went wrong", told, good=good, note="; ".join(f"{cause}: {REASONS[cause]}" for cause in causes))
 
 
 def known(metric: Metric, now: bool) -> Metric:
@@ -92,7 +95,7 @@ def picture(stages: Sequence[Stage], shown: int, first: int, spans: Sequence[Spa
         remark=remark(stage),
         stages=[s.label for s in stages],
         stage=shown,
-        alarms=[n for n, s in enumerate(stages) if s.wrong],
+        alarms=[n for n, s in enumerate(stages[: shown + 1]) if s.wrong],
     )
 
 
@@ -223,19 +226,15 @@ class DmaCoherence(Experiment[Outcome]):
             halves, "parts of it" if any(result.arrived) else "nothing of it"
         )
         receiver, done = ("device", SENT) if self.direction == "transmit" else ("CPU", READ)
-        told, causes = result.stages[: self.step + 1], causes_of(result.stages[: self.step + 1])
+        told, end = result.stages[: self.step + 1], self.step == LAST
+        causes = causes_of(told)
         return [
             known(
                 Metric("the receiver got", got, good=all(result.arrived), note=f"the receiver is the {receiver}"),
                 self.step >= done,
             ),
-            known(Metric("neighbour", "intact" if result.neighbour else "destroyed", good=result.neighbour), self.step == LAST),
-            Metric(
-                "what went wrong",
-                wrong(causes),
-                good=not causes if causes or self.step == LAST else None,
-                note=REASONS[causes[0]] if causes else "",
-            ),
+            known(Metric("neighbour", "intact" if result.neighbour else "destroyed", good=result.neighbour), end),
+            wrong(causes, good=not causes if causes or end else None),
             Metric("lines cleaned or dropped", sum(stage.touched for stage in told), note="by the driver, so far"),
         ]
 
@@ -329,7 +328,7 @@ class Alignment(Experiment[tuple[list[Stage], Operation, int]]):
         others, end = sum(size for _, size in done.neighbours), self.step == len(stages) - 1
         return [
             known(Metric("stale bytes read in the end", stale, good=not stale), end),
-            known(Metric("what went wrong", wrong(causes), good=not causes, note=CAUSES[causes[0]] if causes else ""), end),
+            known(wrong(causes, good=not causes), end),
             Metric("bytes of others worked on", others, note="harmless to clean, deadly to invalidate"),
             Metric("bytes of the buffer missed", missed, good=not missed),
         ]

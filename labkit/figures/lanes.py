@@ -68,7 +68,7 @@ def lanes(
     stages: Sequence[str] = (),
     stage: int = 0,
     alarms: Sequence[int] = (),
-    height: int = 480,
+    height: int = 450,
 ) -> Spec:
     """Lanes from top to bottom under a strip of stages, of which `stage` is the one shown and `alarms` are those that failed.
 

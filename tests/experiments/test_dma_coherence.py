@@ -118,6 +118,20 @@ def test_a_card_knows_as_much_as_is_told():
     assert lines == [0, 2, 2]
 
 
+def test_the_strip_marks_only_failures_that_have_been_told():
+    result = DmaCoherence().run()
+    crossed = [sum("✗" in text for text in DmaCoherence(step=step).figure(result)["data"][0]["text"]) for step in range(10)]
+    assert crossed == [0] * 3 + [1] * 3 + [2] * 4
+
+
+def test_a_card_has_room_for_what_went_wrong():
+    for one in FAILURES.values():
+        assert len(one.measure("what went wrong")) <= 26
+    two = DmaCoherence(after="invalidate")
+    card = next(m for m in two.metrics(two.run()) if m.name == "what went wrong")
+    assert card.value == "2 failures" and all(cause in card.note for cause in two.run().causes)
+
+
 def test_with_the_heap_in_dtcm_no_region_matters():
     one, other = (UrosSession(heap="dtcm", mpu=mpu) for mpu in ("none", "heap"))
     assert one.figure(one.run()) == other.figure(other.run()) and "mpu" in one.without_effect()
