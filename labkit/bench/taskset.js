@@ -55,10 +55,11 @@ const render = ({ model, el }) => {
         const row = make("tr", body);
         shown.columns.forEach((column, i) => make("input", make("td", row, { className: i ? "lab-short" : "" }),
             { value: cells[i] ?? "", ariaLabel: column, oninput: edited, onpaste: (event) => paste(event, row, i), spellcheck: false }));
+        make("td", row, { className: "lab-wrong", colSpan: shown.heads.length, hidden: true });  // in place of the results
         shown.heads.forEach(() => make("td", row, { className: "lab-result" }));
         make("button", make("td", row), { type: "button", className: "lab-row-away", textContent: "×", title: "remove this row",
             onclick: () => { row.remove(); spare(); edited(); flush(); } });
-        make("td", row, { className: "lab-wrong" });
+        make("td", row, { className: "lab-lacking" });  // beside them
     };
     const paste = (event, row, column) => {
         const pasted = event.clipboardData.getData("text").replace(/\r/g, "").replace(/\n+$/, "");
@@ -93,15 +94,20 @@ const render = ({ model, el }) => {
         cell.classList.toggle("lab-yes", good === true);
         cell.classList.toggle("lab-no", good === false);
     };
-    const tell = () => {
-        for (const row of body.rows) {
-            row.querySelector(".lab-wrong").textContent = "";
-            row.querySelectorAll(".lab-result").forEach((cell) => mark(cell, "", null));
-        }
-        filled().slice(0, shown.rows.length).forEach((row, k) => {
-            row.querySelectorAll(".lab-result").forEach((cell, i) => mark(cell, shown.beside[k][i].text, shown.beside[k][i].good));
-            row.querySelector(".lab-wrong").textContent = shown.wrong[k] ?? "";
+    const beside = (row, results, sentence) => {
+        const instead = row.querySelector(".lab-wrong"), lacking = row.querySelector(".lab-lacking");
+        const none = sentence !== "" && results.every(({ good }) => good === null);
+        instead.hidden = !none;
+        instead.textContent = none ? sentence : "";
+        lacking.textContent = none ? "" : sentence;
+        row.querySelectorAll(".lab-result").forEach((cell, i) => {
+            cell.hidden = none;
+            mark(cell, results[i]?.text ?? "", results[i]?.good);
         });
+    };
+    const tell = () => {
+        for (const row of body.rows) beside(row, [], "");
+        filled().slice(0, shown.rows.length).forEach((row, k) => beside(row, shown.beside[k], shown.wrong[k] ?? ""));
         foot.querySelectorAll(".lab-result").forEach((cell, i) => {
             mark(cell, shown.heads[i].foot, shown.heads[i].good);
             cell.title = shown.heads[i].why;

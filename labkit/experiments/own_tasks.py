@@ -40,7 +40,7 @@ PERIODS_SHOWN = 3  # of the longest period, in the picture
 KEYS = ("ready", "release", "deadline", "missed", "beyond ECET", "aborted", "exception part")
 
 POLICY = {"rm": "Rate monotonic", "dm": "Deadline monotonic", "edf": "EDF", "taft": "TAFT"}
-EXAMPLE = "camera, 2, 6, 6, 0, 1, 1; planner, 4, 12, 12, 0, 2, 1; brake, 1, 8, 2, 0, 1, 0"
+EXAMPLE = "lidar, 2, 6, 6, 0, 1, 1; planner, 4, 12, 12, 0, 2, 1; brake, 1, 8, 2, 0, 1, 0"
 
 
 @dataclass(frozen=True)
@@ -186,9 +186,11 @@ class OwnTaskSet(Experiment[Judged]):
         sets = {p: read_tasks(self.data(), p) for p in ("rm", "taft") if p in ruled}
         taft = pairs.aborted if pairs else None
         return [
-            Metric("accepted by analysis", ", ".join(accepted) or "none"),
+            Metric("accepted by analysis", (", ".join(accepted) or "none") if ruled else None),
             Metric(
-                "no miss in the simulation", ", ".join(kept) or "none", note=f"{result.until} {self.unit} from the first release"
+                "no miss in the simulation",
+                (", ".join(kept) or "none") if ruled else None,
+                note=f"simulated from 0 to {result.until} {self.unit}",
             ),
             Metric("utilisation", 100 * float(utilization(sets["rm"].tasks)) if plain else None, "%", note="sum of C / T"),
             Metric(

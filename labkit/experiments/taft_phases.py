@@ -244,10 +244,9 @@ class Timeliness(Experiment[Experiment1]):
         granted = {p.name: times.main[:, i] / MS for i, p in enumerate(chain)}
         mine = np.array([p.phase == CONTOUR for p in chain])
         aborted = np.flatnonzero((times.aborted[:, mine] >= 0).any(axis=1))
-        title = f"{result.aborted_periods} of {len(times.main)} periods with an aborted contour filter"
-        title += f", {result.missed} deadlines missed"
+        title = f"{result.aborted_periods} of {len(times.main)} periods with an abort, {result.missed} late"
         left = self.margins(result)
-        groups = {f"contour, left {ORANGE}": left[CONTOUR], f"others, left {BLUE}": left["others"]}
+        groups = {f"left: contour filter {ORANGE}": left[CONTOUR], f"left: other phases {BLUE}": left["others"]}
         exceptions = times.exception.sum(axis=1) / MS
         return activity_stack(granted, exceptions, aborted, groups, self.period(), LONGEST_PERIOD, title)
 

@@ -271,5 +271,5 @@ def _margins(groups: Mapping[str, np.ndarray]) -> Panel:
         "y1": 1,
         "line": {"color": VERMILION, "width": 3},
     }
-    x = axis("left before the deadline [ms]", range=[MARGINS[0], MARGINS[-1]])
-    return Panel(drawn, axis("share of the jobs [%]", range=[0, 104]), x, [line], title="Margin")
+    x = axis("time left [ms]", range=[MARGINS[0], MARGINS[-1]])
+    return Panel(drawn, axis("share of the jobs [%]", range=[0, 104]), x, [line], title="Left before the deadline", left=110)
