@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from math import ceil, log10
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
@@ -10,7 +9,7 @@ from annotated_types import Interval, MultipleOf, Unit
 from typing_extensions import Doc
 
 from labkit.experiment import Experiment, Feedback, Labels, Metric, progress
-from labkit.figures import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, SKY, VERMILION, YELLOW, Panel, axis, stack
+from labkit.figures import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, SKY, VERMILION, YELLOW, Panel, axis, held, stack
 from labkit.network import MODES, Clock, GilbertElliott, Member, Mode, Rule, SyncRun, precision_bound, synchronise
 
 US, MS, S = 1_000, 1_000_000, 1_000_000_000
@@ -77,8 +76,8 @@ class ClockSync(Experiment[SyncRun]):
         times, apart = result.spread()
         against = [result.against(station) for station in range(self.stations)]
         bound_us = self.bound() if self.claims() else 0.0
-        height = nice(1.1 * max(bound_us, apart.max() / US))
-        ahead = nice(1.1 * max(bound_us / 2, *(np.abs(d).max() / US for _, d in against)))
+        height = held(1.1 * max(bound_us, apart.max() / US), coarse=True)
+        ahead = held(1.1 * max(bound_us / 2, *(np.abs(d).max() / US for _, d in against)), coarse=True)
         against += [(np.empty(0), np.empty(0))] * (len(COLOURS) - self.stations)  # always the same number of lines
         lines = [_line(self._named(i), *against[i], COLOURS[i], i < self.stations) for i in range(1, len(COLOURS))]
         bound = {
@@ -183,13 +182,6 @@ class ClockSync(Experiment[SyncRun]):
                 note="heard, but without a stamp of a round that this slave had heard",
             ),
         ]
-
-
-def nice(value: float) -> float:
-    """The next of 1, 1.5, 2, 3, 4, 5, 6, 8, 10, 15, ... that is no less: a scale that stays while a slider moves a little."""
-    value = max(value, 1.0)
-    power = 10.0 ** ceil(log10(value) - 1)
-    return next(power * step for step in (1, 1.5, 2, 3, 4, 5, 6, 8, 10) if power * step >= value)
 
 
 def thinned(x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -13,8 +13,8 @@ from typing_extensions import Doc
 
 from labkit.data import published_table
 from labkit.experiment import Experiment, Feedback, Labels, Metric
-from labkit.experiments.global_time import MS, US, Seed, nice, thinned
-from labkit.figures import BLUE, GREEN, INK, VERMILION, Curve, Panel, axis, curves, stack
+from labkit.experiments.global_time import MS, US, Seed, thinned
+from labkit.figures import BLUE, GREEN, INK, VERMILION, Curve, Panel, axis, curves, held, stack
 from labkit.network import CORRECTIONS, Correction, Plan, period_starts
 
 COLOUR: dict[Correction, str] = {"none": VERMILION, "differences": BLUE, "absolute": GREEN}
@@ -125,9 +125,9 @@ class TimestampDrift(Experiment[Apart]):
 
     def figure(self, result: Apart) -> dict[str, Any]:
         free, kept = published_difference("without"), published_difference("with")
-        height = nice(1.05 * max(free, self.drift * 1e-3 * self.period * self.periods))
-        fine = nice(max(1.5 * kept, 3 * self.read_error))
-        across = [0, self.periods * 1.03]
+        height = held(1.05 * max(free, self.drift * 1e-3 * self.period * self.periods), coarse=True)
+        fine = held(max(1.5 * kept, 3 * self.read_error), coarse=True)
+        across = [0, 1.02 * held(self.periods, coarse=True)]
         level = {"type": "line", "xref": "x domain", "x0": 0, "x1": 1, "line": {"color": INK, "dash": "dash", "width": 2}}
         levels = [{**level, "y0": y, "y1": y} for y in (kept, -kept)]
         note = {"text": f"published: {kept:.2f}", "x": 1, "xref": "x domain", "xanchor": "right", "y": kept, "yanchor": "bottom"}

@@ -10,9 +10,9 @@ from annotated_types import Interval, MultipleOf, Unit
 from typing_extensions import Doc
 
 from labkit.experiment import Experiment, Feedback, Labels, Metric
-from labkit.experiments.global_time import MS, US, Seed, nice
+from labkit.experiments.global_time import MS, US, Seed
 from labkit.experiments.global_time_drift import COLOUR, WCET_NS, Drift, Period, Way, difference_line
-from labkit.figures import BLUE, GREY, INK, PALE, Panel, axis, stack
+from labkit.figures import BLUE, GREY, INK, PALE, Panel, axis, held, stack
 from labkit.network import CORRECTIONS, Plan, Starts, centred, largest_shift, period_starts
 
 HOUR = 3_600_000_000_000
@@ -81,11 +81,11 @@ class CoherentStretches(Experiment[Stretches]):
             "line": {"color": BLUE, "width": 2.5},
             "hovertemplate": "%{y:.1f} ms after %{x:.2f} h<extra></extra>",
         }
-        height = 1.08 * max(self.period / 2, self.threshold)
+        height = held(1.02 * max(self.period / 2, self.threshold), coarse=True)
         return stack(
             Panel([line], axis("difference of the starts [ms]", range=[-height, height]), shapes=[band], notes=[note], left=92),
             height=380,
-            shared=axis("time since they began together [h]", range=[0, self.hours]),
+            shared=axis("time since they began together [h]", range=[0, held(self.hours, coarse=True)]),
             legend=False,
         )
 
@@ -160,11 +160,11 @@ class PeriodStarts(Experiment[Starts]):
     def figure(self, result: Starts) -> dict[str, Any]:
         apart = {way: result.difference(2 * i + 1, 2 * i) / US for i, way in enumerate(CORRECTIONS)}
         tallest = 1000 * self.initial + self.drift * 0.5 * (self.fails + 3) + 4 * self.read_error
-        height = nice(1.1 * max(tallest, 200.0))
+        height = held(1.1 * max(tallest, 200.0), coarse=True)
         wanted, made = -result.wanted[:, self.column()] / US, -result.shifted[:, self.column()] / US
         gained = self.drift * PERIOD / 1e12
         far = 1000 * self.initial + gained * (self.fails + 2) if self.correction == "absolute" else gained
-        deep = nice(1.2 * max(self.reserve, far + 2 * self.read_error, 50.0))
+        deep = held(1.2 * max(self.reserve, far + 2 * self.read_error, 50.0), coarse=True)
         failing = {"type": "rect", "x0": EVENT - 0.5, "x1": EVENT + self.fails - 0.5, "yref": "y domain", "y0": 0, "y1": 1}
         failing |= {"fillcolor": PALE, "line": {"width": 0}, "layer": "below", "visible": self.event != "none"}
         limit = {"type": "line", "xref": "x domain", "x0": 0, "x1": 1, "y0": self.reserve, "y1": self.reserve}

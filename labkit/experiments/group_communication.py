@@ -10,7 +10,7 @@ from annotated_types import Interval, Unit
 from typing_extensions import Doc
 
 from labkit.experiment import Experiment, Feedback, Metric, View
-from labkit.figures import BLUE, GREY, ORANGE, SKY, VERMILION, Bar, Curve, axis, curves, lengths, stack, stacked
+from labkit.figures import BLUE, GREY, ORANGE, SKY, VERMILION, Bar, Curve, axis, curves, held, lengths, stack, stacked
 from labkit.network import BYTE_NS, FRAME_NS, WAYS, Conversation, GilbertElliott, Loss, Way, converse, fragment_count, reaches_all
 
 MS = 1_000_000
@@ -64,10 +64,10 @@ class GroupCommunication(Experiment[Mapping[Way, Conversation]]):
         )
         bounds = [said.bound_ns / MS for said in result.values()]
         latest = [None if said.latest_ns() is None else (said.latest_ns() or 0) / MS for said in result.values()]
-        late = axis("latest delivery [ms]", range=[0, 1.4 * max(bounds)])
+        late = axis("latest delivery [ms]", range=[0, held(1.4 * max(bounds), coarse=True)])
         # what a message would need with three transmissions per packet and nothing lost, eight times
         whole = fragment_count(self.bytes) * 3 * FRAME_NS + 2 * self.bytes * BYTE_NS
-        price = axis("per message [ms]", range=[0, 8 * whole / MS])
+        price = axis("per message [ms]", range=[0, held(8 * whole / MS, coarse=True)])
         return stack(
             [
                 outcome,
@@ -174,7 +174,12 @@ class OmissionDegrees(Experiment[Degrees]):
             [
                 curves([formula, share, wanted], x, axis("share of the messages [%]", range=[-3, 103]), title="What it buys"),
                 curves(
-                    [bound, latest], x, axis("delay [ms]", range=[0, 1.05 * top]), title="What it costs", legend=False, left=90
+                    [bound, latest],
+                    x,
+                    axis("delay [ms]", range=[0, held(1.05 * top, coarse=True)]),
+                    title="What it costs",
+                    legend=False,
+                    left=90,
                 ),
             ],
             height=420,

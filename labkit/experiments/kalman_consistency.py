@@ -11,7 +11,7 @@ from typing_extensions import Doc
 
 from labkit.experiment import Experiment, Labels, Metric
 from labkit.experiments.kalman_fusion import Density
-from labkit.figures import BLUE, GREY, VERMILION, Curve, axis, curves, stack
+from labkit.figures import BLUE, GREY, VERMILION, Curve, axis, curves, held, stack
 from labkit.fusion import FilterKind, claimed_and_real, consistency_band, expected_nees, normalised_squares, sampled_errors
 
 RUNS, INTERVAL, SIGMA = 50, 0.165, 0.03  # runs behind the average NEES; s between measurements; m
@@ -76,7 +76,7 @@ class ClaimedError(Experiment[Honesty]):
             honest.append(Curve(name, steps, result.nees[kind][some].tolist(), colour))
         low, high = consistency_band(4, RUNS)
         band = {"type": "rect", "x0": 0, "x1": 1, "xref": "x domain", "y0": low, "y1": high, "fillcolor": GREY, "opacity": 0.35}
-        x = axis("measurements", range=[0, self.steps])
+        x = axis("measurements", range=[0, held(self.steps, coarse=True)])
         size = axis("position error [cm]", type="log", range=[-0.5, 1.95], tickvals=[0.5, 1, 2, 5, 10, 20, 50])
         error = curves(drawn, x, size, title="Real and claimed")
         nees = curves(

@@ -305,8 +305,10 @@ class RateCurves(Experiment[Rates]):
         lines = [Curve(name, result.x, result.rate[line], colour) for line, (name, colour, _) in LINES.items()]
         lines.append(Curve("guide 1000 / (2 - a)", result.x, result.guide, GREY, "dash"))
         lowest = min(min(rates) for rates in result.rate.values())
-        y = axis("calls per second", range=[min(850, lowest) - 20, 1030])
-        return stack(curves(lines, axis(AXES[self.over]), y, shapes=[_band(*REACHED)]), height=480)
+        y = axis("calls per second", range=[100 * ((min(900, lowest) - 20) // 100), 1030])
+        return stack(
+            curves(lines, axis(AXES[self.over], range=[0, 1.03 * max(result.x)]), y, shapes=[_band(*REACHED)]), height=480
+        )
 
     def metrics(self, result: Rates) -> list[Metric]:
         found = []

@@ -11,7 +11,7 @@ from typing_extensions import Doc
 
 from labkit.data import published_table
 from labkit.experiment import Experiment, Feedback, Labels, Metric, View, progress
-from labkit.figures import ORANGE, SKY, Bar, axis, stack, stacked
+from labkit.figures import ORANGE, SKY, Bar, axis, held, stack, stacked
 from labkit.robot import CALLBACKS, COSTS, CPU_HZ, PUBLISHED_NAMES, build, published, robot, simulate
 from labkit.trace import statistics
 
@@ -281,7 +281,8 @@ class QueueOrMiddleware(Experiment[dict[str, tuple[Pair, Pair]]]):
             parts = [min(micro, free), max(micro - free, 0.0)]
             bars.append(Bar(f"{name}, micro-ROS", parts, self.value(told.micro, told.free)))
             bars.append(Bar(f"{name}, FreeRTOS", [free, 0.0], self.value(told.free, told.free)))
-        x = axis("mean of an activation [us]" if self.quantity == "means" else "sum [ms]", rangemode="tozero")
+        longest = max(max(sum(bar.parts), bar.published or 0) for bar in bars)
+        x = axis("mean of an activation [us]" if self.quantity == "means" else "sum [ms]", range=[0, held(1.05 * longest)])
         panel = stacked(bars, {"as under FreeRTOS, queue copy included": SKY, "more under micro-ROS": ORANGE}, x, left=210)
         return stack(panel, height=470, barmode="stack", keys=["measured (source 1)"])
 

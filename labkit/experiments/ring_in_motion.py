@@ -11,7 +11,7 @@ from typing_extensions import Doc
 
 from labkit.experiment import Experiment, Feedback, Labels, Metric, View
 from labkit.experiments.tick_rates import BAUDS, MS, Form, Rate, WhenFull, envelope, traced, window
-from labkit.figures import BLUE, GREY, ORANGE, SKY, VERMILION, History, Panel, Steps, axis, gantt, stack, steps
+from labkit.figures import BLUE, GREY, ORANGE, SKY, VERMILION, History, Panel, Steps, axis, gantt, held, stack, steps
 from labkit.robot import CPU_HZ, OnBlocks, Sink, build, lines
 from labkit.sink import link_load
 
@@ -106,7 +106,7 @@ class RingInMotion(Experiment[Motion]):
             steps(_indices(result.sink, low, high), "index", high, height=1.2, left=110),
         ]
         for panel in panels:
-            panel.y.update(range=[0, 1.06 * self.capacity], rangemode="normal", fixedrange=True)
+            panel.y.update(range=[0, held(1.06 * self.capacity, coarse=True)], rangemode="normal", fixedrange=True)
         return stack(
             gantt(result.history, ROWS, low, high, height=0.9),
             *panels,

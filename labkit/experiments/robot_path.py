@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Annotated, Any, ClassVar, Literal
 
@@ -10,7 +11,7 @@ from annotated_types import Interval, MultipleOf, Unit
 from typing_extensions import Doc
 
 from labkit.experiment import Experiment, Feedback, Labels, Metric, progress
-from labkit.figures import BLUE, GREY, VERMILION, Curve, Panel, axis, curves, stack
+from labkit.figures import BLUE, GREY, VERMILION, Curve, Panel, axis, curves, held, stack
 from labkit.robot import CHANNELS, COURSES, PERIODIC, RATES, Channel, Course, Drive, Firmware, drive, motors, published
 
 SLOW_RATES = {name: f"{name} Hz" for name in ("50|30", "100|50", "1000")}
@@ -70,10 +71,17 @@ class RobotPath(Experiment[Drive]):
             _line("off the wanted path", result.time[some], result.path_error()[some], BLUE, "solid"),
             _line("odometry off the robot", result.time[some], result.odometry_error()[some], VERMILION, "dash"),
         ]
+        across, along = (_extent(path[:, k] for _, path, _, _ in paths) for k in (0, 1))
+        most = held(1.05 * max(float(result.path_error().max()), float(result.odometry_error().max())), coarse=True)
         return stack(
             [
-                Panel(seen_from_above, axis("y [mm]", scaleanchor="x"), axis("x [mm]"), title="From above"),
-                Panel(errors, axis("error [mm]", rangemode="tozero"), axis("time [s]"), title="Errors", left=90),
+                Panel(
+                    seen_from_above,
+                    axis("y [mm]", scaleanchor="x", range=along),
+                    axis("x [mm]", range=across),
+                    title="From above",
+                ),
+                Panel(errors, axis("error [mm]", range=[0, most]), axis("time [s]", range=[0, SECONDS]), title="Errors", left=90),
             ],
             height=520,
         )
@@ -94,6 +102,12 @@ class RobotPath(Experiment[Drive]):
             Metric("odometry error at the end", float(result.odometry_error()[-1]), "mm"),
             Metric("late jobs", late, good=late == 0, note=f"of {', '.join(PERIODIC)}"),
         ]
+
+
+def _extent(values: Iterable[np.ndarray]) -> list[float]:
+    """A range that holds all of them, of two round numbers."""
+    found = np.concatenate(list(values))
+    return [-held(max(-float(found.min()), 100.0), coarse=True), held(max(float(found.max()), 100.0), coarse=True)]
 
 
 def _line(name: str, x: np.ndarray, y: np.ndarray, colour: str, dash: str) -> dict[str, Any]:
@@ -149,11 +163,11 @@ class PathAgainstRate(Experiment[AtRates]):
 
     def figure(self, result: AtRates) -> dict[str, Any]:
         hertz = [RATES[name].hertz("wheel_ctrl") for name in RATES]
-        x = axis("rate of wheel control [Hz]", type="log", tickvals=hertz, ticktext=list(RATES))
+        x = axis("rate of wheel control [Hz]", type="log", range=[1.6, 4.1], tickvals=hertz, ticktext=list(RATES))
         error = Curve("largest path error", hertz, result.error, BLUE)
         late = Curve("late jobs", hertz, result.late, VERMILION, "dash")
         return stack(
-            curves([error], x, axis("path error [mm]", rangemode="tozero")),
+            curves([error], x, axis("path error [mm]", range=[0, held(1.05 * max(result.error), coarse=True)])),
             curves([late], x, axis("late jobs [%]", range=[-5, 105])),
             height=480,
         )

@@ -93,7 +93,7 @@ class TickBound(Experiment[Load]):
             "y1": 100,
             "line": {"color": VERMILION, "width": 2},
         }
-        x = axis("tick rate [Hz]", type="log", tickvals=[1000, 2000, 5000, 10_000, 20_000, 50_000, 100_000])
+        x = axis("tick rate [Hz]", type="log", range=[2.95, 5.05], tickvals=[1000, 2000, 5000, 10_000, 20_000, 50_000, 100_000])
         return stack(curves(drawn, x, axis("processor taken [%]", range=[0, 130]), shapes=[full]), height=460)
 
     def metrics(self, result: Load) -> list[Metric]:

@@ -158,12 +158,18 @@ def axis(title: str, **more: Any) -> Spec:
     } | more
 
 
-def held(top: float) -> float:
-    """The end of an axis that has to reach `top`: one of a few round numbers, so that it rarely moves while a slider does."""
+def held(top: float, *, coarse: bool = False) -> float:
+    """The end of an axis that has to reach `top`: one of a few round numbers, so that it rarely moves while a slider does.
+    `coarse` has three of them between 1 and 10, for what grows a hundredfold along a slider.
+    """
     if top <= 0:
         return 1.0
     power = 10.0 ** math.floor(math.log10(top) + 1e-9)
-    return next(round(step * power, 9) for step in (1, 1.5, 2, 3, 4, 5, 6, 8, 10) if step * power >= top * (1 - 1e-9))
+    return next(
+        round(step * power, 9)
+        for step in ((1, 2, 5, 10) if coarse else (1, 1.5, 2, 3, 4, 5, 6, 8, 10))
+        if step * power >= top * (1 - 1e-9)
+    )
 
 
 def rows_axis(names: Iterable[str], margin: float = 0.6, **more: Any) -> Spec:

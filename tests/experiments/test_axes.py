@@ -5,7 +5,7 @@ import pytest
 from labkit.experiment import Experiment, Parameter
 from labkit.experiments import experiments
 
-MOST = 4  # ranges of one axis along the whole of one slider
+MOST = 5  # ranges of one axis along the whole of one slider
 
 
 def ranges(experiment: Experiment, result) -> dict[str, tuple]:
