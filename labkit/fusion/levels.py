@@ -78,7 +78,7 @@ def fuse_at(
     Args:
         stations: what each has measured.
         budget_ns: when a stage is aborted; it runs to its end where nothing is said. A stage that has nothing by then hands on
-            nothing, and an aborted fusion what it has not yet fused as it came.
+            nothing, a fusion the data of the first station; what a fusion has not yet joined by then it hands on as it came.
     Raises:
         ValueError: there is no such level, or no station.
     """
