@@ -21,6 +21,7 @@ CHECKED = (
     "07_schedulability.ipynb",
     "08_taft_phases.ipynb",
     "11_laser_pipeline.ipynb",
+    "13_distributed_fusion.ipynb",
 )
 
 
