@@ -203,11 +203,14 @@ class Core:
         first, the next call goes on.
         """
         at, count = self.now, 0
-        lowest, urgent = self.devices.lowest, self.devices.urgent
+        devices = self.devices
+        urgent = devices.urgent
+        if tick_due > at and not self.held:
+            self.ticks = (at - self.origin) // self.tick  # the ticks passed over meant nothing
         while True:
-            if urgent and (first := self.devices.take_urgent(self.now, self._preempted())):
-                if not self.held and tick_due >= self.now:
-                    self.ticks = max(self.ticks, (self.now - self.origin - 1) // self.tick)  # as below, one that is due now apart
+            if urgent and (first := devices.take_urgent(self.now, self._preempted())):
+                if tick_due == self.now and not self.held:
+                    self.ticks = (tick_due - self.origin) // self.tick - 1  # so did those before the one that is due
                 self._handle_device(first)
             elif tick_due <= self.now:
                 if self.held:
@@ -217,22 +220,21 @@ class Core:
                         self.spend(self.costs.tick, TICK_COST)
                     self.count_tick((tick_due - self.origin) // self.tick)
                 tick_due += self.tick  # the earliest at which another one can be due
-            else:
-                if not self.held:
-                    self.ticks = (self.now - self.origin) // self.tick  # the ticks passed over meant nothing
-                if lowest and lowest[0][0] <= self.now and not self.critical:
-                    self._handle_device(self.devices.take_lowest())
-                elif self.switch_wanted and not self.held:
-                    before = self.now
-                    self.reschedule()
-                    if self.now == before:
-                        return
-                else:
+            elif devices.lowest and devices.lowest[0][0] <= self.now and not self.critical:
+                self._handle_device(devices.take_lowest())
+            elif self.switch_wanted and not self.held:
+                before = self.now
+                self.reschedule()
+                if self.now == before:
                     return
+            else:
+                return
             if self.now >= self.until:
                 return
             if self.now != at or tick_due <= self.now:
                 tick_due = self.tick_due()
+                if tick_due > self.now and not self.held:
+                    self.ticks = (self.now - self.origin) // self.tick
             if self.now != at:
                 at, count = self.now, 0
             count += 1
