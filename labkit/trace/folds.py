@@ -78,7 +78,7 @@ def holds(trace: Trace) -> np.ndarray:
 
 
 def waits(trace: Trace) -> np.ndarray:
-    """Waiting for an object, columns (task, object, start, end): from the block to the moment the task is ready, suspended or deleted.
+    """Waiting for an object, columns (task, object, start, end): from the block to when the task is ready, suspended or deleted.
 
     A wait for a notification has object -1. A task that finds nothing when it retries (no hand-off) begins a new interval.
     """
