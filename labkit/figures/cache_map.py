@@ -43,7 +43,7 @@ KINDS = {
 }
 
 
-def cache_map(history: History, step: int, parameter: str = "", height: int = 410) -> Spec:
+def cache_map(history: History, step: int, parameter: str = "", height: int = 388) -> Spec:
     """The map after `step` accesses of a history, and below every access, done and still to come; a click on one sets the
     parameter that has this name.
     """
