@@ -257,7 +257,7 @@ class Timeliness(Experiment[Experiment1]):
         """
         trace = result.run.trace
         table = jobs(trace)
-        ended = (table.completion >= 0) & (table.deadline <= trace.end)
+        ended = (table.completion >= 0) & (table.job < len(result.times.main))
         mine = np.isin(table.task, [trace.code(p.name) for p in result.chain if p.phase == CONTOUR])
         left = (table.deadline - table.completion) * (1e3 / trace.hz)
         return {CONTOUR: left[ended & mine], "others": left[ended & ~mine]}

@@ -14,6 +14,7 @@ from labkit.experiments.taft_phases import (
     published_ends,
 )
 from labkit.phases.windows import Part
+from labkit.trace import jobs
 
 MS = 1_000_000
 
@@ -104,3 +105,14 @@ def test_a_chain_without_phases_is_refused():
     with pytest.raises(ValueError):
         PhaseWindows(period=10)
     assert not check_chain([], 10).solved
+
+
+def test_margins_are_those_of_the_jobs_and_what_was_aborted_ends_within_an_exception_part_of_its_deadline():
+    result = Timeliness().run()
+    left = Timeliness.margins(result)
+    table = jobs(result.run.trace)
+    assert sum(map(len, left.values())) == len(result.chain) * 400
+    assert min(times.min() for times in left.values()) == Timeliness().measure("least left before a deadline") >= 0
+    aborted = table.abort >= 0
+    late = (table.deadline - table.completion)[aborted]
+    assert aborted.any() and late.max() <= 2 * max(part.wcet_ep_ns for part in result.chain)
