@@ -25,7 +25,9 @@ def check_ghost(answer: FusionLevels) -> Feedback:
     contours there is none, and nothing is missed.
     """
     if not isinstance(answer, FusionLevels):
-        return Feedback(False, "answer with a bench's position, such as FusionLevels(seed=3)")
+        return Feedback(False, "answer with a bench's position, such as FusionLevels(seed=1)")
+    if answer.seed == FusionLevels().seed:
+        return Feedback(False, "that is the scene of the bench as it stands; find another one")
     if answer.stations != 2 or answer.offset or answer.pose_error:
         return Feedback(False, "two stations, without an offset and without a pose error, are to see the ghost")
     team = answer.run()
