@@ -141,8 +141,9 @@ def _bench(bench: Bench, number: int) -> str:
     names = html.escape(", ".join(p.label for p in bench.experiment.parameters()))
     spec = json.dumps(_plain(bench.spec), allow_nan=False).replace("<", "\\u003c")
     height = bench.spec["layout"].get("height", 450)
+    says = html.escape((bench.spec["layout"].get("meta") or {}).get("says", ""))
     return (
-        f"<figure class='bench'><div class='plot' id='plot{number}' style='height:{height}px'></div>"
+        f"<figure class='bench'><p class='says'>{says}</p><div class='plot' id='plot{number}' style='height:{height}px'></div>"
         f"<script type='application/json' id='spec{number}'>{spec}</script>"
         f"<div class='cards'>{''.join(cards)}</div><code class='line'>{html.escape(bench.experiment.code())}</code>"
         f"<details class='live'><summary>With a running kernel these move: {names}</summary>"
