@@ -14,7 +14,7 @@ from labkit.experiments.laser_pipeline import Rotations, Seed
 from labkit.experiments.laser_views import COLOURS, PLACES, ROLLS_FROM, FusedViews
 from labkit.figures import (
     GREEN,
-    PURPLE,
+    INK,
     VERMILION,
     Panel,
     arc_lines,
@@ -31,7 +31,7 @@ from labkit.fusion import Contours, Fusion, Level, Points, Scanner, World, fuse_
 
 MS = 1_000_000
 EARLY: tuple[Level, Level] = ("points", "contours")
-BEFORE, BEHIND, BESIDE = 0.5, 1.6, 0.42  # m that are shown before, behind and beside the ball's first place
+BEFORE, BEHIND, BESIDE = 0.4, 1.6, 0.25  # m that are shown before, behind and beside the ball's first place
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,10 +99,10 @@ class OneFastObject(Experiment[Looks]):
         return from_above(
             [
                 there([*moved, *outlines(result.world, look.points[0].time_ns, without=("ball", *PLACES))], legend=first),
-                drawn("ball in the picture", known, PURPLE, 3, showlegend=first),
-                *(dots(f"points of {one.station}", one.xy, COLOURS[one.station], 7, showlegend=first) for one in look.points),
-                drawn("fused edge", edges, GREEN, 5, showlegend=first),
-                drawn("fused arc", arcs, VERMILION, 5, showlegend=first),
+                drawn("fused edge", edges, GREEN, 6, showlegend=first),
+                drawn("fused arc", arcs, INK, 6, showlegend=first),
+                drawn("ball in the picture", known, VERMILION, 3, showlegend=first),
+                *(dots(f"points of {one.station}", one.xy, COLOURS[one.station], 6, showlegend=first) for one in look.points),
             ],
             (ROLLS_FROM.x - BEFORE, ROLLS_FROM.x + BEHIND),
             (ROLLS_FROM.y - BESIDE, ROLLS_FROM.y + BESIDE),

@@ -48,7 +48,7 @@ def test_distributed_fusion(open_notebook):
     show(fast)
     expect(fast.locator(".js-plotly-plot")).to_contain_text("2 balls")
     nb.screenshot("13_figure_42")
-    press(fast, "offset", "ArrowLeft", 8)
+    press(fast, "offset", "Home", 1)
     expect(fast.locator(".lab-code")).to_contain_text("offset=0", timeout=20_000)
     expect(fast.locator(".js-plotly-plot")).not_to_contain_text("2 balls", timeout=20_000)
 
