@@ -18,11 +18,13 @@ from pathlib import Path
 from typing import NamedTuple
 
 import pytest
-from playwright.sync_api import Browser, Locator, Page, WebSocket, sync_playwright
+from playwright.sync_api import Browser, Locator, Page, WebSocket, expect, sync_playwright
 
 NOTEBOOKS = Path(__file__).parents[2] / "notebooks"
 TOKEN = "browser-tests"
 HERE_ONLY = re.compile(r"^(https?|wss?)://127\.0\.0\.1:")
+
+expect.set_options(timeout=30_000)  # a busy machine is no defect
 
 FLAGS = [  # as root and without a graphics card; quiet towards the network
     "--no-sandbox",
