@@ -101,7 +101,7 @@ class DistributedFusion(Experiment[LaserTeam]):
                 height=1.2,
                 left=96,
             ),
-            height=470,
+            height=420,
         )
 
     def metrics(self, result: LaserTeam) -> list[Metric]:
