@@ -15,7 +15,7 @@ def test_micro_ros(open_notebook):
     rate.locator(".lab-executors select").select_option(index=1)
     expect(rate.locator(".lab-code")).to_contain_text("executors='one'", timeout=60_000)
     assert rate.locator(".lab-metrics").inner_text() != three
-    expect(rate.locator(".lab-metrics")).to_contain_text("1000")
+    expect(rate.locator(".lab-metrics")).to_contain_text("1\u202f000 Hz")
     nb.screenshot("06_one")
 
     rate.locator(".lab-executors select").select_option(index=0)
