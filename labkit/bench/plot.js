@@ -128,6 +128,17 @@ const render = ({ model, el }) => {
         if (!large) bench.scrollIntoView({ block: "nearest" });
         resize();
     };
+    // A choice that is longer than its field is written smaller there.
+    const fit = () => {
+        const pen = document.createElement("canvas").getContext("2d");
+        for (const field of el.closest(".lab-bench")?.querySelectorAll("select") ?? []) {
+            field.style.fontSize = "";
+            const { fontSize, fontFamily } = getComputedStyle(field);
+            pen.font = `${fontSize} ${fontFamily}`;
+            const room = (field.clientWidth - 24) / pen.measureText(field.selectedOptions[0]?.text ?? "").width;
+            if (room > 0 && room < 1) field.style.fontSize = `${Math.max(9, Math.floor(parseFloat(fontSize) * room * 10) / 10)}px`;
+        }
+    };
     const leave = (event) => {
         if (event.key !== "Escape") return;
         event.stopPropagation();
@@ -172,6 +183,7 @@ const render = ({ model, el }) => {
         put(news, shown ? moved(shown.figure.layout, figure.layout).join(", ") : "");
         shown = { ...message, figure };
         put(code, message.code);
+        fit();
         write();
         draw();
     };
@@ -181,6 +193,7 @@ const render = ({ model, el }) => {
         const { clientWidth, clientHeight } = picture;
         if (!clientWidth || (clientWidth === width && (!large || clientHeight === height) && canvas.style.transform === "" === !large)) return;
         [width, height] = [clientWidth, clientHeight];
+        fit();
         draw();
     };
     const observer = new ResizeObserver(resize);

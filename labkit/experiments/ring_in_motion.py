@@ -106,7 +106,7 @@ class RingInMotion(Experiment[Motion]):
             steps(_indices(result.sink, low, high), "index", high, height=1.2, left=110),
         ]
         for panel in panels:
-            panel.y.update(range=[0, held(1.06 * self.capacity, coarse=True)], rangemode="normal", fixedrange=True)
+            panel.y.update(range=[0, 1.15 * held(self.capacity, coarse=True)], rangemode="normal", fixedrange=True)
         return stack(
             gantt(result.history, ROWS, low, high, height=0.9),
             *panels,

@@ -83,7 +83,7 @@ class RobotPath(Experiment[Drive]):
                 ),
                 Panel(errors, axis("error [mm]", range=[0, most]), axis("time [s]", range=[0, SECONDS]), title="Errors", left=90),
             ],
-            height=520,
+            height=480,
         )
 
     def metrics(self, result: Drive) -> list[Metric]:

@@ -118,7 +118,7 @@ class Schedules(Experiment[dict[str, History]]):
         says = ". ".join(f"{policy.upper()}: {happening(history, names, self.at)}" for policy, history in result.items())
         return stack(
             *panels,
-            height=480,
+            height=440,
             shared=axis("time [ms]", range=[0, SHOWN]),
             keys=KEYS,
             at=self.at,

@@ -157,7 +157,7 @@ def envelope(time: np.ndarray, value: np.ndarray, low: float, high: float) -> tu
     return np.repeat(time[at], 2), both.ravel()
 
 
-def picture(recording: Recording, low: float, high: float, height: int = 500) -> dict[str, Any]:
+def picture(recording: Recording, low: float, high: float, height: int = 420) -> dict[str, Any]:
     """Who ran, above the fill of the ring, over one axis that can be zoomed."""
     trace = recording.history
     return stack(

@@ -26,7 +26,7 @@ from labkit.figures.style import (
 )
 
 ROWS = 15  # steps that fit into the picture; it scrolls with the step shown
-HEIGHT = 510
+HEIGHT = 465
 TEXT_ROOM = 0.42  # right of the last lane, for its text
 WORDS = 44  # letters of a step's text, at most
 LANES = {"consumer": ORANGE, "DMA": PURPLE, "tick": GREY}
