@@ -87,8 +87,9 @@ class Notebook:
         self.page.evaluate(RUN_ALL)
         outcome = self.page.wait_for_function(DONE, timeout=timeout, polling=100).json_value()
         assert outcome == "ok", outcome
-        if lift:
+        for _ in range(3 if lift else 0):  # a veil may come a little later than its bench
             self.page.wait_for_function(LIFT, timeout=timeout, polling=200)
+            self.page.wait_for_timeout(300)
 
     def cell(self, index: int) -> Locator:
         """Cell by its place in the notebook, text cells counted too, from 0."""
