@@ -178,7 +178,7 @@ class TwoStations(Experiment[Fused]):
             shapes=[_cursor(time)],
             left=80,
         )
-        return stack([seen, error], height=480)
+        return stack([seen, error], height=428)
 
     def metrics(self, result: Fused) -> list[Metric]:
         sigma = self.sigma / 100

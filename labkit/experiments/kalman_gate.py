@@ -213,7 +213,7 @@ class CrossingElements(Experiment[Followed]):
             legend=False,
             left=80,
         )
-        return stack([seen, error], height=480)
+        return stack([seen, error], height=455)
 
     def metrics(self, result: Followed) -> list[Metric]:
         confirmed = sum(len(track.steps) >= 3 for track in result.tracks)
