@@ -113,7 +113,7 @@ class ClockSync(Experiment[SyncRun]):
                 left=104,
             ),
             Panel([self._lost(result)], self._rows(), height=0.15 + 0.12 * self.stations, left=104),
-            height=460,
+            height=428,
             shared=axis("true time [s]", range=[0, self.seconds]),
         )
 

@@ -173,7 +173,7 @@ class TwoStations(Experiment[Fused]):
             axis("time [s]", range=[0, 0.33 * PERIODS]),
             axis("error [cm]", type="log", range=[0, 1.95], tickvals=[1, 2, 5, 10, 20, 50]),
             title="Error, 200 runs",
-            caption="dashed: claimed by the filter",
+            caption="dashed: claimed",
             legend=False,
             shapes=[_cursor(time)],
             left=80,

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 import labkit.experiments
 from labkit.experiments import find
-from labkit.experiments.global_time import ClockSync, check_bound_broken, check_interval, nice, thinned
+from labkit.experiments.global_time import ClockSync, check_bound_broken, check_interval, thinned
 from labkit.experiments.global_time_drift import TimestampDrift, check_read_error, published_difference
 from labkit.experiments.global_time_starts import (
     CoherentStretches,
@@ -141,10 +141,6 @@ def test_loss_of_everything_and_a_dead_master_are_told():
     dead = ClockSync(master_dies=20, loss=0)
     precision = dead.metrics(dead.run())[0]
     assert "ends with the master" in precision.note and precision.value > dead.bound()
-
-
-def test_a_scale_stays_while_little_changes():
-    assert [nice(v) for v in (0.3, 1, 1.1, 4, 4.1, 7, 10, 11, 170, 501)] == [1, 1, 1.5, 4, 5, 8, 10, 15, 200, 600]
 
 
 @given(st.integers(1, 5000))
