@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 
 from labkit.fusion.joining import PARALLEL
-from labkit.fusion.laser.formats import Arcs, Contours, Edges
+from labkit.fusion.laser.formats import Arcs, Contours, Edges, Objects
 from labkit.fusion.laser.settings import VISIT_NS, Settings
 
 SAME_RADIUS = 0.03  # m by which the radii of equal arcs may differ
@@ -27,18 +27,23 @@ SHORTEST = 1e-6  # m: an edge without a length
 Rows = np.ndarray
 
 
+def together(stations: Sequence[Contours] | Sequence[Objects], what: str) -> tuple[str, int]:
+    """The name of all stations as one, and the mean of their times; ValueError if there is none."""
+    if not stations:
+        raise ValueError(f"{what} of no station are to be fused; at least one is needed")
+    return "+".join(one.station for one in stations), sum(one.time_ns for one in stations) // len(stations)
+
+
 def fuse_contours(stations: Sequence[Contours], settings: Settings | None = None) -> Iterator[tuple[int, Contours]]:
     """Anytime: the contours of all stations as one set. Their time is the mean of the stations'.
 
     Raises:
         ValueError: there is no station, or something in its contours is none: it is named with its station.
     """
-    if not stations:
-        raise ValueError("contours of no station are to be fused; at least one is needed")
+    name, time_ns = together(stations, "contours")
     settings = settings or Settings()
     for one in stations:
         check_contours(one)
-    name, time_ns = "+".join(one.station for one in stations), sum(one.time_ns for one in stations) // len(stations)
     edges, of_edges = pooled([edge_rows(one.edges) for one in stations])
     arcs, of_arcs = pooled([arc_rows(one.arcs) for one in stations])
 

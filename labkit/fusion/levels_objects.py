@@ -19,7 +19,7 @@ from labkit.fusion.laser.formats import Contours, Disc, Edges, Objects, Polygon
 from labkit.fusion.laser.objects import object_filter
 from labkit.fusion.laser.quality import to_edges
 from labkit.fusion.laser.settings import VISIT_NS, Settings
-from labkit.fusion.levels_contours import arcs_of, edge_rows, edges_of, join_arcs, join_edges, pooled
+from labkit.fusion.levels_contours import arcs_of, edge_rows, edges_of, join_arcs, join_edges, pooled, together
 
 Owned = tuple[Disc | Polygon, int]  # an object and the station that has seen it
 
@@ -30,12 +30,10 @@ def fuse_objects(stations: Sequence[Objects], settings: Settings | None = None) 
     Raises:
         ValueError: there is no station, or a disc or polygon is none: it is named with its station.
     """
-    if not stations:
-        raise ValueError("objects of no station are to be fused; at least one is needed")
+    name, time_ns = together(stations, "objects")
     settings = settings or Settings()
     for one in stations:
         check_objects(one)
-    name, time_ns = "+".join(one.station for one in stations), sum(one.time_ns for one in stations) // len(stations)
     found: list[Owned] = []
     for i, one in enumerate(stations):
         found += [(thing, i) for thing in one.discs] + [(thing, i) for thing in one.polygons]
