@@ -82,12 +82,14 @@ def statistics(trace: Trace) -> pd.DataFrame:
     columns = {**of_spans, **of_activations, **of_jobs}
     columns["rate"] = activations * (trace.hz / length)
     columns["share"] = columns["self"] / length
-    for name, (unit, _) in COLUMNS.items():
-        columns[name] = columns[name] * us if unit == "us" else columns[name]
-    index = pd.MultiIndex.from_product([list(cores), names], names=["core", "name"]).swaplevel()
-    frame = pd.DataFrame(columns, index=index if trace.core is not None else pd.Index(names, name="name", dtype=object))
-    some = seen + activations + count + columns["misses"] > 0
-    return frame.loc[some, list(COLUMNS)].sort_values("self", ascending=False, kind="stable")
+    shown = np.flatnonzero(seen + activations + count + columns["misses"] > 0)
+    shown = shown[np.argsort(-columns["self"][shown], kind="stable")]
+    values = {name: columns[name][shown] * us if unit == "us" else columns[name][shown] for name, (unit, _) in COLUMNS.items()}
+    core, name = divmod(shown, len(names))
+    labels = np.array(names, dtype=object)[name]
+    if trace.core is None:
+        return pd.DataFrame(values, index=pd.Index(labels, name="name", dtype=object))
+    return pd.DataFrame(values, index=pd.MultiIndex.from_arrays([labels, np.array([*cores])[core]], names=["name", "core"]))
 
 
 def _of_spans(table: Sequence[np.ndarray], size: int) -> tuple[np.ndarray, dict[str, np.ndarray]]:
