@@ -118,6 +118,7 @@ KEYS: dict[str, Spec] = {
     "exception part": {"type": "bar", "marker": {"color": BLUE, "pattern": CROSSED, "line": OUTLINED}},
     "priority inversion": {"type": "bar", "marker": INVERTED},
     "raised for nobody": {"type": "bar", "marker": INVERTED},
+    "everybody else is held": {"type": "bar", "marker": INVERTED},
     "release": {"type": "scatter", "mode": "markers", "marker": RELEASE},
     "deadline": {"type": "scatter", "mode": "lines", "line": DEADLINE},
     "missed": {"type": "scatter", "mode": "markers", "marker": MISS},
