@@ -4,7 +4,7 @@ In each slot the poll, the answer and the broadcast may be lost, the broadcast b
 
 - "anything": whatever the radio can do.
 - "assumption": nothing is lost more than OD times in a row. Counted for itself: the exchange of poll and answer with one station;
-  a packet to one station; a verdict on one packet to one station, in the slots of one source.
+  a packet to one station; a verdict on one packet to one station that waits for it, in the slots of one source.
 
 Patterns that lead to the same situation are followed once and counted exactly, slot by slot; what cannot matter any more is left
 out of a situation. Each one remembers how to get there with the fewest losses, so a failure is told by a pattern in which every
@@ -266,7 +266,7 @@ class _Search:
         """The side after the broadcast, and if it delivers something; None if the adversary must not lose it."""
         side, said = self.things[number], self.things[saying]
         station = side.station
-        told = range(max(station.next, said.first), said.first + len(said.verdicts))
+        told = self._awaited(station, said)
         items: list[tuple] = [("verdict", o, said.slot % self.group.stations) for o in told if said.verdict(o) is not None]
         if said.packet is not None and all(said.packet.order != packet.order for packet in station.held):
             items.append(("packet", said.packet.order))
@@ -285,6 +285,13 @@ class _Search:
         debts = tuple(d for d in charged.debts if d[0] not in held and (d[0] == ("exchange",) or d[0][1] >= after.next))
         delivered = (*side.delivered, *(packet.order for packet in news))
         return self.number(_Side(after, delivered, begun, stays, debts)), bool(news)
+
+    def _awaited(self, station: Station, said: Broadcast) -> Iterable[int]:
+        """The packets on whose verdict the station waits, as far as it is told here: with the delivery "at once" only its own."""
+        if self.group.delivery != "at once":
+            return range(max(station.next, said.first), said.first + len(said.verdicts))
+        number, order = said.taken[station.me]
+        return [order] if station.offer is not None and station.offer.number == number and order >= said.first else []
 
     def _charged(self, side: _Side, items: list[tuple], through: bool) -> _Side | None:
         """The side with these items through, or lost once more; None if one of them was lost as often as it may be."""

@@ -37,6 +37,13 @@ def test_every_other_delivery_fails(delivery):
     assert per_station[0] != per_station[1]
 
 
+def test_the_search_ends_soon_for_stations_that_hand_on_at_once():
+    """They wait for no verdict but the one on their own packet: were all of them counted, it would take minutes."""
+    found = every_pattern(Group(3, 2, "at once"), "assumption")
+    assert found.situations < 40_000
+    assert found.outcomes[ALL] == found.patterns and found.latest < found.slots
+
+
 def test_at_once_breaks_the_order_even_within_the_assumption():
     found = every_pattern(Group(2, 1, "at once"), "assumption", 2)
     assert found.outcomes[DISAGREE] > 0 and len(found.losses[DISAGREE]) == 1
