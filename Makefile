@@ -43,6 +43,7 @@ help:
 
 lab: $(LAB)
 	@$(VENV)/bin/python -m labkit.workcopy notebooks "$(MINE)"
+	@$(VENV)/bin/python -m labkit.workcopy notebooks/reference "$(MINE)/reference"
 	$(JUPYTER_ENV) $(VENV)/bin/python -m jupyterlab $(AS_ROOT) $(OFFLINE) $(QUICK) \
 	    --ServerApp.root_dir="$(CURDIR)" --LabApp.default_url=/lab/tree/$(NOTEBOOK)
 
