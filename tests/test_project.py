@@ -7,6 +7,7 @@ import subprocess
 import sys
 import tomllib
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -65,34 +66,43 @@ def part(module: str) -> str:
     return [*module.split("."), "labkit"][1] if "." in module else "labkit"
 
 
+@cache
 def is_module(name: str) -> bool:
     path = ROOT / Path(*name.split("."))
     return path.with_suffix(".py").exists() or path.is_dir()
 
 
+@cache
+def statements(path: Path) -> list[tuple[ast.Import | ast.ImportFrom, bool, bool]]:
+    """Every import, whether it loads with the file, and whether only a type checker reads it."""
+
+    def walk(node: ast.AST, at_once: bool, typing: bool) -> Iterator[tuple[ast.Import | ast.ImportFrom, bool, bool]]:
+        for child in ast.iter_child_nodes(node):
+            if isinstance(child, ast.Import | ast.ImportFrom):
+                yield child, at_once and not typing, typing
+            elif isinstance(child, ast.stmt | ast.excepthandler | ast.match_case):  # an expression holds no import
+                later = isinstance(child, ast.FunctionDef | ast.AsyncFunctionDef)
+                checked = isinstance(child, ast.If) and "TYPE_CHECKING" in ast.unparse(child.test)
+                yield from walk(child, at_once and not later, typing or checked)
+
+    return list(walk(ast.parse(path.read_text(encoding="utf-8")), True, False))
+
+
 def imports(path: Path, types: bool = True) -> Iterator[tuple[str, int, bool]]:
     """Every imported module, its line, and whether it loads with the file; with `types`, what only a type checker reads too."""
-    source = ast.parse((ROOT / path).read_text(encoding="utf-8"))
     package = ".".join(path.with_suffix("").parts[:-1])
-
-    def walk(node: ast.AST, at_once: bool) -> Iterator[tuple[str, int, bool]]:
-        for child in ast.iter_child_nodes(node):
-            if isinstance(child, ast.Import):
-                yield from ((alias.name, child.lineno, at_once) for alias in child.names)
-            elif isinstance(child, ast.ImportFrom):
-                outer = package.rsplit(".", child.level - 1)[0] if child.level else ""
-                base = ".".join(filter(None, (outer, child.module)))
-                inner = [alias.name for alias in child.names if base == "labkit" or is_module(f"{base}.{alias.name}")]
-                yield from ((f"{base}.{name}", child.lineno, at_once) for name in inner)  # from labkit.kernel import services
-                if len(inner) < len(child.names):
-                    yield base, child.lineno, at_once
-            else:
-                later = isinstance(child, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda)
-                typing_only = isinstance(child, ast.If) and "TYPE_CHECKING" in ast.unparse(child.test)
-                if types or not typing_only:
-                    yield from walk(child, at_once and not later and not typing_only)
-
-    return walk(source, True)
+    for node, at_once, typing in statements(ROOT / path):
+        if typing and not types:
+            continue
+        if isinstance(node, ast.Import):
+            yield from ((alias.name, node.lineno, at_once) for alias in node.names)
+        else:
+            outer = package.rsplit(".", node.level - 1)[0] if node.level else ""
+            base = ".".join(filter(None, (outer, node.module)))
+            inner = [alias.name for alias in node.names if base == "labkit" or is_module(f"{base}.{alias.name}")]
+            yield from ((f"{base}.{name}", node.lineno, at_once) for name in inner)  # from labkit.kernel import services
+            if len(inner) < len(node.names):
+                yield base, node.lineno, at_once
 
 
 def home(path: Path) -> str:
@@ -120,7 +130,7 @@ def deep(module: str) -> bool:
 @pytest.mark.parametrize("path", MODULES, ids=str)
 def test_a_room_is_entered_by_its_door(path):
     """What a room offers stands in its __init__; nobody outside imports deeper."""
-    for node in ast.walk(ast.parse((ROOT / path).read_text(encoding="utf-8"))):
+    for node, *_ in statements(ROOT / path):
         named = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
         named += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
         for module in named:
