@@ -1,5 +1,6 @@
 """The mecanum robot of source 1: its body, its controllers, and its software under FreeRTOS."""
 
+from labkit.robot.button import DEBOUNCE, Button
 from labkit.robot.drive import COURSES, Course, Drive, drive, motors
 from labkit.robot.firmware import CHANNELS, COSTS, CREATED, PRIORITIES, Board, Channel, Firmware, build, published
 from labkit.robot.mecanum import TOP_RIM, body_velocity, moved, wheel_speeds, wrapped
@@ -32,6 +33,7 @@ __all__ = [
     "CPU_HZ",
     "CREATED",
     "DATA",
+    "DEBOUNCE",
     "EMPTY",
     "MESSAGES",
     "PERIODIC",
@@ -43,6 +45,7 @@ __all__ = [
     "TOP_RIM",
     "WAIT_RULES",
     "Board",
+    "Button",
     "Channel",
     "Client",
     "Course",

@@ -6,11 +6,12 @@ kernel's lists, as on the board. What the tasks compute is the firmware's, on a 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 from labkit.kernel import Costs, Kernel
+from labkit.robot.button import Button
 from labkit.robot.control import PoseController, Smoother, Velocity, WheelController, duties
 from labkit.robot.mecanum import Pose, Wheels, body_velocity, moved, wheel_speeds
 from labkit.robot.plant import Body, Plant, added, angles
@@ -67,6 +68,8 @@ class Firmware:
         buffers: for velocity frames; 1 is the published one, see `VelocityLine`.
         wrap_defect: the encoder's end subtracts 65534 downwards.
         trace_path: the sink and who feeds it; None leaves `tsink` and `profile` out.
+        debounce: of the button that starts and stops the recording, in ms; 100 in the text of source 1, 50 in its public branch.
+            None: there is no button, and all is recorded from the start.
         costs: what the kernel takes.
         order: the order in which the tasks are created, which decides who goes first among equals.
         time_slicing: whether tasks of equal priority take turns at the tick.
@@ -83,6 +86,7 @@ class Firmware:
     buffers: int = 1
     wrap_defect: bool = True
     trace_path: TracePath | None = None
+    debounce: int | None = None
     costs: Costs = COSTS
     order: tuple[str, ...] = tuple(CREATED)
     time_slicing: bool = True
@@ -119,6 +123,7 @@ class Board:
         sink: what became of the stamps; None without a trace path.
         late: calls of delay_until that found their next period already over, by task.
         line: on which velocity frames come.
+        button: that starts and stops the recording; None if all is recorded.
     """
 
     kernel: Kernel
@@ -130,6 +135,7 @@ class Board:
     late: dict[str, int] = field(default_factory=lambda: dict.fromkeys(PERIODIC, 0))
     line: VelocityLine = field(default_factory=lambda: VelocityLine(CPU_HZ))
     receiver: Any = None
+    button: Button | None = None
 
     def advance(self, until: int) -> None:
         """Kernel and plant, up to cycle `until`."""
@@ -141,6 +147,14 @@ class Board:
         complete = self.line.send(self.kernel.now, velocity)
         self.kernel.interrupt(complete, lambda isr: isr.notify_give(self.receiver))
 
+    def press(self, bounces: Sequence[int] = (0,)) -> None:
+        """The button is pressed; its contact closes so many cycles from now, each time with an interrupt."""
+        button = self.button
+        if button is None:
+            raise ValueError("there is no button; a firmware with a debounce time has one")
+        for after in bounces:
+            self.kernel.interrupt(self.kernel.now + after, lambda isr: button.edge(isr.now))
+
 
 def build(firmware: Firmware, plant: Body | None = None) -> Board:
     """Tasks, queues and interrupts in a kernel that has not started. Raises ValueError for what the kernel refuses."""
@@ -149,8 +163,10 @@ def build(firmware: Firmware, plant: Body | None = None) -> Board:
     k = Kernel(CPU_HZ, rates.tick_hz, priorities=56, costs=costs, time_slicing=firmware.time_slicing)
     board = Board(k, plant or Plant(CPU_HZ), firmware, line=VelocityLine(CPU_HZ, buffers=firmware.buffers))
     bodies = {**control_tasks(board), "Tmr Svc": idle_timers}
+    if firmware.debounce is not None:
+        board.button = Button(CPU_HZ, firmware.debounce)
     if path is not None:
-        board.sink, tracers, scoped = install(k, path)
+        board.sink, tracers, scoped = install(k, path, board.button)
         bodies |= {name: scoped(name, rates.period(name), bodies[name]) for name in PERIODIC} | tracers
     for name in firmware.order:
         if name in bodies:

@@ -4,8 +4,10 @@ There are two sources of stamps. A switch of tasks leaves two of them in a buffe
 each and writes it into the ring under a mutex. A scope, if jobs have one, is stamped by the task itself as it begins and ends:
 that task makes the line, waits for the mutex, and for room.
 
-`tsink` looks at the ring every millisecond and hands what is there to the DMA, in two pieces where it wraps. The
-read index advances only when all of that has gone out, so room comes back in bursts.
+`tsink` looks at the ring every millisecond and hands what is there to the DMA, in two pieces where it wraps, after it has
+cleaned the cache lines they lie in. The read index advances only when all of that has gone out, so room comes back in bursts.
+
+With a button (`Button`), only what happens between a press that starts and one that stops leaves stamps.
 
 Here the ring is counted in bytes, as part of the kernel model; which interleavings of its accesses are wrong is the subject of
 `labkit.sink`. Simplified: stamps that come while `profile` prints wait for its next round, as with two buffers; a line is as long
@@ -21,7 +23,9 @@ from typing import Any, Literal
 
 import numpy as np
 
+from labkit.cache import DCACHE
 from labkit.kernel import Costs, Kernel
+from labkit.robot.button import Button
 from labkit.sink import BITS_PER_BYTE
 from labkit.trace import CODE, Trace
 
@@ -43,6 +47,9 @@ class TracePath:
             switch comes, have them in it.
         scopes: each job of the periodic tasks is a scope.
         look: cycles of `tsink` each time it runs.
+        clean: further cycles for each line of the data cache in which the bytes of a transfer lie; they are cleaned before it,
+            or the DMA would send what memory held before. 0, since the published mean, which `look` is, has it in it, and right
+            for a ring in memory that is not cached, too.
         when_full: who writes waits and tries again after 1 ms, or drops what does not fit.
         buffer: stamps that the temp buffer holds. capacity: bytes that the ring holds.
         every: period of `profile` in ms.
@@ -56,6 +63,7 @@ class TracePath:
     hook: int = 0
     scopes: bool = False
     look: int = 650
+    clean: int = 0
     when_full: Literal["wait", "drop"] = "wait"
     buffer: int = 512
     capacity: int = 2048
@@ -66,7 +74,17 @@ class TracePath:
         for name, known in (("form", ("text", *FIXED)), ("when_full", ("wait", "drop"))):
             if getattr(self, name) not in known:
                 raise ValueError(f"trace path: {name} {getattr(self, name)!r}; there are {', '.join(known)}")
-        least = {"baud": 1, "stamp": 0, "hook": 0, "look": 1, "buffer": 1, "capacity": 64 * self.batch, "every": 1, "batch": 1}
+        least = {
+            "baud": 1,
+            "stamp": 0,
+            "hook": 0,
+            "look": 1,
+            "clean": 0,
+            "buffer": 1,
+            "capacity": 64 * self.batch,
+            "every": 1,
+            "batch": 1,
+        }
         for name, allowed in least.items():
             if getattr(self, name) < allowed:
                 raise ValueError(f"trace path: {name} = {getattr(self, name)} is not allowed; allowed is {allowed} or more")
@@ -111,11 +129,11 @@ class Sink:
         self.times.append(now)
         self.fills.append(self.fill)
 
-    def pieces(self) -> list[int]:
-        """Sizes of the one or two contiguous pieces of what is in the ring."""
+    def pieces(self) -> list[tuple[int, int]]:
+        """The one or two contiguous pieces of what is in the ring: where each begins, and its size."""
         position = self.read % self.capacity
         first = min(self.fill, self.capacity - position)
-        return [size for size in (first, self.fill - first) if size]
+        return [(at, size) for at, size in ((position, first), (0, self.fill - first)) if size]
 
     def table(self) -> np.ndarray:
         """The rounds of `profile`, shape (n, 4)."""
@@ -143,16 +161,21 @@ class Sink:
         return np.frombuffer(self.on_air, dtype=np.int64).reshape(-1, 3).copy()
 
 
-def lines(trace: Trace, first: int, form: str) -> np.ndarray:
+def lines(trace: Trace, first: int, form: str, button: Button | None = None) -> np.ndarray:
     """Bytes of each stamp of the switches from row `first` on: one for the task that stops, one for the task that starts.
 
-    `<name> <microseconds> <0|1>` and a line feed, or a fixed size.
+    `<name> <microseconds> <0|1>` and a line feed, or a fixed size. With a button those that are recorded, and the first of all
+    is at 0 us.
     """
     rows = first + np.flatnonzero(trace.kind[first:] == SWITCH)
+    zero = 0
+    if button is not None:
+        rows = rows[button.recorded(trace.time[rows])]
+        zero = button.count_from(trace.time[rows])
     if form in FIXED:
         return np.full(2 * len(rows), FIXED[form])
     names = np.array([*map(len, trace.names), 0])
-    digits = np.char.str_len((trace.time[rows] * 1_000_000 // trace.hz).astype(str)) if len(rows) else rows
+    digits = np.char.str_len(((trace.time[rows] - zero) * 1_000_000 // trace.hz).astype(str)) if len(rows) else rows
     both = np.stack([names[trace.other[rows]], names[trace.task[rows]]], axis=1)
     return (both + (digits + 4)[:, None]).ravel()
 
@@ -162,10 +185,13 @@ def with_hook(costs: Costs, path: TracePath | None) -> Costs:
     return replace(costs, switch=costs.switch + path.hook) if path else costs
 
 
-def install(k: Kernel, path: TracePath) -> tuple[Sink, dict[str, Body], Callable[[str, int, Body], Body]]:
+def install(
+    k: Kernel, path: TracePath, button: Button | None = None
+) -> tuple[Sink, dict[str, Body], Callable[[str, int, Body], Body]]:
     """The ring, the bodies of `tsink` and `profile`, and what makes a scope of each job of a periodic task.
 
-    The last takes the name of the task, its period in ticks and its body, which must sleep by `delay_until`.
+    The last takes the name of the task, its period in ticks and its body, which must sleep by `delay_until`. Without a button,
+    all is recorded from the start.
     """
     sink, lock = Sink(path.capacity, path.buffer), k.mutex("sink")
     ms = max(1, k.cpu_hz // k.tick // 1000)  # in ticks
@@ -175,14 +201,14 @@ def install(k: Kernel, path: TracePath) -> tuple[Sink, dict[str, Body], Callable
         me = next(task for task in k.tasks if task.name == "tsink")
         while True:
             pieces = sink.pieces()
-            for size in pieces:
-                yield path.look
+            for at, size in pieces:
+                yield path.look + path.clean * len(DCACHE.span(at, size))  # the ring begins with a line
                 duration = -(-size * BITS_PER_BYTE * k.cpu_hz // path.baud)
                 sink.on_air.extend((os.now, os.now + duration, size))
                 k.interrupt(os.now + duration, lambda isr: isr.notify_give(me))
                 yield os.notify_take()
             if pieces:
-                sink.taken(os.now, sum(pieces))
+                sink.taken(os.now, sum(size for _, size in pieces))
             else:
                 yield path.look
                 yield os.delay(ms)
@@ -191,7 +217,7 @@ def install(k: Kernel, path: TracePath) -> tuple[Sink, dict[str, Body], Callable
         """Sizes of the stamps in the temp buffer, and how many found no room there. Empties it."""
         nonlocal seen
         trace = k.trace
-        sizes, seen = lines(trace, seen, path.form), len(trace)
+        sizes, seen = lines(trace, seen, path.form, button), len(trace)
         return sizes[: path.buffer], max(0, len(sizes) - path.buffer)
 
     def write(os: Any, size: int) -> Any:
@@ -210,7 +236,12 @@ def install(k: Kernel, path: TracePath) -> tuple[Sink, dict[str, Body], Callable
 
     def stamp(os: Any, name: str) -> Any:
         """A scope begins or ends."""
-        size = FIXED.get(path.form) or len(name) + len(str(os.now * 1_000_000 // k.cpu_hz)) + 4
+        zero = 0
+        if button is not None:
+            if not button.on(os.now):
+                return
+            zero = button.count_from(np.append(k.trace.time[k.trace.of("switch")], os.now))
+        size = FIXED.get(path.form) or len(name) + len(str((os.now - zero) * 1_000_000 // k.cpu_hz)) + 4
         yield max(path.stamp - COPY * size, 0)
         if (yield from write(os, size)):
             sink.direct += 1

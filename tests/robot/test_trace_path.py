@@ -23,6 +23,7 @@ PATHS = st.builds(
     batch=st.sampled_from([1, 3, 8]),
     every=st.sampled_from([1, 10]),
     scopes=st.booleans(),
+    clean=st.sampled_from([0, 40]),
 )
 
 
@@ -57,6 +58,29 @@ def test_a_transfer_takes_ten_bits_a_byte_and_they_do_not_overlap(path):
     assert (end - begin == -(-size * 10 * CPU_HZ // path.baud)).all()
     assert (begin[1:] >= end[:-1]).all()
     assert size.max(initial=1) <= path.capacity and size.min(initial=1) > 0
+
+
+def test_a_transfer_is_preceded_by_the_cleaning_of_its_cache_lines():
+    """A ring of 544 bytes: 17 lines of 32. Only the cleaning differs, so `tsink` takes so much longer by each line it touches."""
+    path = TracePath(capacity=544, form="word", every=1, baud=12_500_000)
+    plain, cleaned = (build(replace(published(), trace_path=replace(path, clean=clean)), OnBlocks()) for clean in (0, 40))
+    for board in (plain, cleaned):
+        board.advance(60 * MS)
+    begin, _, size = cleaned.sink.transfers().T
+    at = (np.cumsum(size) - size) % 544
+    touched = (at + size - 1) // 32 - at // 32 + 1
+    assert (at + size <= 544).all() and touched.max() > 1 and (touched > -(-size // 32)).any(), "some reach over a line"
+    ready = tsink_begins(cleaned, begin)
+    assert (begin - ready == path.look + 40 * touched).all()
+    first, _, before = plain.sink.transfers().T
+    assert (first - tsink_begins(plain, first) == path.look).all() and len(before) > 10
+
+
+def tsink_begins(board, begin):
+    """When `tsink` got the processor for each of these transfers, or was through with the one before."""
+    trace = board.kernel.trace
+    mine = trace.task == trace.code("tsink")
+    return np.array([trace.time[mine & trace.of("switch", "notify_take") & (trace.time < at)][-1] for at in begin])
 
 
 def test_room_comes_back_when_the_whole_transfer_is_over():
