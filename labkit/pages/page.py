@@ -30,7 +30,7 @@ _TEX = re.compile(r"\$\$(.+?)\$\$|\$([^$\n]+?)\$", re.S)
 
 
 def render(notebook: str | os.PathLike[str], target: str | os.PathLike[str]) -> int:
-    """Run a notebook and write it as one HTML file without any address outside; formulas stay as TeX.
+    """Run a notebook and write it as one HTML file without any address outside; formulas are typeset by the browser.
 
     Args:
         notebook: path of an .ipynb file. Its cells run here: render only notebooks that you would run.
@@ -91,12 +91,19 @@ def _prose(source: str, folder: Path) -> str:
     text = _NOTEBOOK.sub(r"\1\2.html\3", text)
     text = _IMAGE.sub(lambda image: f"{image[1]}{_embedded(image[2], folder)}{image[3]}", text)
     parts = _CODE.split(text)  # every other one is code, in which a dollar is a dollar
-    return "".join(part if at % 2 else _TEX.sub(_tex, part) for at, part in enumerate(parts))
+    return "".join(part if at % 2 else _TEX.sub(_typeset, part) for at, part in enumerate(parts))
 
 
-def _tex(formula: re.Match[str]) -> str:
-    kind, text = ("div", formula[1]) if formula[1] else ("span", formula[2])
-    return f"<{kind} class='tex'>{text}</{kind}>"
+def _typeset(formula: re.Match[str]) -> str:
+    """A formula as MathML, which browsers draw themselves; one with a command unknown to the library stays TeX, to be read so."""
+    from latex2mathml.converter import convert
+
+    kind, text = ("block", formula[1]) if formula[1] else ("inline", formula[2])
+    try:
+        made = str(convert(html.unescape(text), display=kind))
+    except Exception:  # the library's own errors have no common parent, and malformed TeX also ends in others
+        made = "\\"
+    return f"<code class='tex'>{text}</code>" if "\\" in made else made
 
 
 def _embedded(address: str, folder: Path) -> str:

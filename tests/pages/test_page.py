@@ -2,11 +2,19 @@
 
 import json
 import re
+from pathlib import Path
+from xml.etree import ElementTree
 
 import pytest
 
 from labkit.__main__ import main
 from labkit.pages import render
+from labkit.pages.page import _prose
+
+NOTEBOOKS = sorted((Path(__file__).parents[2] / "notebooks").glob("*.ipynb"))
+MATHML = "{http://www.w3.org/1998/Math/MathML}"
+PLAIN = {f"{MATHML}{name}" for name in ("math", "mrow", "mi", "mn", "mo", "mtext", "mspace", "mstyle", "mfrac", "msqrt")}
+SCRIPTS = {f"{MATHML}{name}" for name in ("msub", "msup", "msubsup", "munder", "mover", "munderover")}
 
 NOTEBOOK = [
     (
@@ -60,9 +68,33 @@ def test_every_bench_has_its_picture_and_its_numbers(page):
 
 
 def test_prose_code_and_outputs(page):
-    assert "<span class='tex'>R_i \\le D_i</span>" in page and "<code>$HOME</code>" in page
+    assert "<msub><mi>R</mi><mi>i</mi></msub><mo>&#x02264;</mo>" in page and "R_i" not in page and "<code>$HOME</code>" in page
     assert "printed &lt;here&gt;" in page and "12345" in page and ">4<" not in own(page)
     assert "How long?" in page and "<li>a week</li>" in page and "13 ms" not in page.split("How long?")[1].split("</div>")[0]
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_every_formula_is_typeset(path):
+    """As many pieces of MathML as formulas were written, each well-formed and of elements that browsers know; no TeX is left."""
+    for cell in json.loads(path.read_text(encoding="utf-8"))["cells"]:
+        if cell["cell_type"] != "markdown":
+            continue
+        source = re.sub(r"(`+).+?\1", "", "".join(cell["source"]), flags=re.S)  # in code a dollar is a dollar
+        if "$" not in source:
+            continue
+        page = _prose("".join(cell["source"]), path.parent)
+        assert "class='tex'" not in page and "$" not in re.sub(r"<(pre|code).*?</\1>", "", page, flags=re.S)
+        formulas = re.findall(r"<math.*?</math>", page, flags=re.S)
+        blocks = source.count("$$") // 2
+        assert len(formulas) == blocks + (source.count("$") - 4 * blocks) // 2
+        for formula in formulas:
+            assert {each.tag for each in ElementTree.fromstring(formula).iter()} <= PLAIN | SCRIPTS
+
+
+def test_a_formula_beyond_the_library_stays_tex():
+    page = _prose("$a < \\nosuch{b}$ and $\\left( x$ and $x_1 < y$", Path())
+    assert "<code class='tex'>a &lt; \\nosuch{b}</code>" in page and "<code class='tex'>\\left( x</code>" in page
+    assert page.count("<math") == 1
 
 
 @pytest.mark.parametrize(
