@@ -1,8 +1,8 @@
 """The one test session: its order, and what several processes may share of it.
 
 Alone, fast tests come first, then notebooks, then the browser. `make test` has a process per core: all browser tests run in one
-of them (two JupyterLabs and two Chromiums would wait for each other), the cells of a notebook stay together, the rest goes
-anywhere.
+of them (two JupyterLabs and two Chromiums would wait for each other), the cells of a notebook stay together, and so do the tests
+of one experiment, which share its run; the rest goes anywhere.
 """
 
 import os
@@ -27,7 +27,11 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: object) -> object:
         """The largest group goes out first, which is the browser's."""
 
         def _split_scope(self, nodeid: str) -> str:
-            file = nodeid.split("::")[0]
-            return "browser" if file.startswith("tests/browser/") else file if file.endswith(".ipynb") else nodeid
+            file, _, test = nodeid.partition("::")
+            if file.startswith("tests/browser/"):
+                return "browser"
+            if file.endswith("/test_every_experiment.py"):
+                return test[test.find("[") :]
+            return file if file.endswith(".ipynb") else nodeid
 
     return Together(config, log)

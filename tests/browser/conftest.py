@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import pytest
-from playwright.sync_api import Browser, Locator, Page, WebSocket, expect, sync_playwright
+from playwright.sync_api import Browser, Locator, Page, Route, WebSocket, expect, sync_playwright
 
 NOTEBOOKS = Path(__file__).parents[2] / "notebooks"
 TOKEN = "browser-tests"
@@ -46,9 +46,9 @@ SETTINGS = {  # every cell stays in the page, no dialog comes up, nothing is ask
 
 _CURRENT = "const widget = window.jupyterapp?.shell?.currentWidget, session = widget?.sessionContext;"
 #: The notebook is there and its kernel answers. The status bar says idle before there is a kernel, so it is not asked.
-READY = f"""() => {{ {_CURRENT}
-    return widget?.context?.isReady && session?.isReady && session.session?.kernel?.status === 'idle'
-        && session.session.kernel.connectionStatus === 'connected' }}"""
+READY = f"""name => {{ {_CURRENT}
+    return widget?.context?.path === name && widget.context.isReady && session?.isReady
+        && session.session?.kernel?.status === 'idle' && session.session.kernel.connectionStatus === 'connected' }}"""
 #: false while cells run, then 'ok' or the list of errors that cells show.
 DONE = f"""() => {{ {_CURRENT}
     const cells = widget.content.widgets.map(cell => cell.model).filter(m => m.type === 'code' && m.sharedModel.source.trim());
@@ -65,6 +65,17 @@ LIFT = """() => {
     veils.forEach(button => button.click());
     return veils.length === 0 }"""
 SHUT_DOWN = "() => { window.jupyterapp?.shell?.currentWidget?.sessionContext?.shutdown() }"
+OPEN = "name => { window.jupyterapp.commands.execute('docmanager:open', { path: name, factory: 'Notebook' }) }"
+#: Close every notebook without a question and stop its kernel.
+CLOSE_ALL = """() => {
+    const ends = [...window.jupyterapp.shell.widgets('main')].map(widget => {
+        if (widget.context?.model) widget.context.model.dirty = false;
+        const end = widget.sessionContext?.shutdown().catch(() => {});
+        return Promise.resolve(end).then(() => widget.close());
+    });
+    return Promise.race([Promise.all(ends), new Promise(over => setTimeout(over, 10_000))]).then(() => ends.length);
+}"""
+VIEWPORT = {"width": 1600, "height": 900}
 
 
 class Lab(NamedTuple):
@@ -194,15 +205,13 @@ def _wait_for(url: str, server: subprocess.Popen, log: Path) -> None:
             time.sleep(0.1)
 
 
-@pytest.fixture
-def open_notebook(lab: Lab, chromium: Browser, tmp_path: Path) -> Iterator[Callable[[str | Path], Notebook]]:
-    """`open_notebook("01_priority_inversion.ipynb")`, or the path of any other notebook: opens a fresh copy of it."""
-    context = chromium.new_context(viewport={"width": 1600, "height": 900})
+@pytest.fixture(scope="package")
+def lab_page(lab: Lab, chromium: Browser) -> Iterator[tuple[Page, list[str]]]:
+    """JupyterLab loaded in a page, once for all tests, and the list of requests refused because they would leave this machine."""
+    page = chromium.new_page(viewport=VIEWPORT)
     external: list[str] = []
-    shots = Path(os.environ.get("LAB_SHOTS", tmp_path))
-    shots.mkdir(parents=True, exist_ok=True)
 
-    def refuse(route) -> None:
+    def refuse(route: Route) -> None:
         external.append(route.request.url)
         route.abort()
 
@@ -210,18 +219,31 @@ def open_notebook(lab: Lab, chromium: Browser, tmp_path: Path) -> Iterator[Calla
         if not HERE_ONLY.match(socket.url):
             external.append(socket.url)
 
+    page.route(re.compile(r"^https?://(?!127\.0\.0\.1:)"), refuse)
+    page.on("websocket", watch)
+    page.goto(f"{lab.url}/lab?token={TOKEN}&reset", wait_until="domcontentloaded")
+    page.wait_for_function("() => window.jupyterapp?.commands.hasCommand('docmanager:open')", timeout=60_000)
+    page.wait_for_selector("#jupyterlab-splash", state="detached", timeout=60_000)
+    yield page, external
+    page.close()
+
+
+@pytest.fixture
+def open_notebook(lab: Lab, lab_page: tuple[Page, list[str]], tmp_path: Path) -> Iterator[Callable[[str | Path], Notebook]]:
+    """`open_notebook("01_priority_inversion.ipynb")`, or the path of any other notebook: opens a fresh copy of it."""
+    page, external = lab_page
+    shots = Path(os.environ.get("LAB_SHOTS", tmp_path))
+    shots.mkdir(parents=True, exist_ok=True)
+
     def opener(notebook: str | Path) -> Notebook:
         shutil.copy(NOTEBOOKS / notebook, lab.root)
-        page = context.new_page()
-        page.route(re.compile(r"^https?://(?!127\.0\.0\.1:)"), refuse)
-        page.on("websocket", watch)
-        page.goto(f"{lab.url}/lab/tree/{Path(notebook).name}?token={TOKEN}&reset", wait_until="domcontentloaded")
-        page.wait_for_function(READY, timeout=60_000, polling=100)
-        page.wait_for_selector("#jupyterlab-splash", state="detached")
+        page.evaluate(OPEN, Path(notebook).name)
+        page.wait_for_function(READY, arg=Path(notebook).name, timeout=60_000, polling=100)
         return Notebook(page, external, shots)
 
     yield opener
-    for page in context.pages:
-        page.evaluate(SHUT_DOWN)  # else kernels pile up until the session ends
-    context.close()
-    assert external == [], "the notebook asked for something outside this machine"
+    page.evaluate(CLOSE_ALL)  # the kernels, too, else they pile up until the session ends
+    page.set_viewport_size(VIEWPORT)
+    refused = external.copy()
+    external.clear()
+    assert refused == [], "the notebook asked for something outside this machine"

@@ -40,11 +40,17 @@ def text(figure: Any) -> str:
 
 
 @cache
+def start(cls: type[Experiment]) -> tuple[Experiment, Any]:
+    """The experiment at its defaults and what it gives, run once for all tests that only look at it."""
+    experiment = cls()
+    return experiment, experiment.run()
+
+
+@cache
 def usual(cls: type[Experiment]) -> tuple[list[str], list[str]]:
     """Types of the traces and names of the metrics at the default."""
-    start = cls()
-    result = start.run()
-    return [trace["type"] for trace in start.figure(result)["data"]], [m.name for m in start.metrics(result)]
+    experiment, result = start(cls)
+    return [trace["type"] for trace in experiment.figure(result)["data"]], [m.name for m in experiment.metrics(result)]
 
 
 def test_no_slider_position_crashes_and_the_figure_keeps_its_traces(cls):
@@ -91,8 +97,7 @@ def test_figure_and_metrics_simulate_nothing(cls, monkeypatch):
     def refused(*_: Any, **__: Any) -> None:
         raise AssertionError("a figure or a metric simulates")
 
-    experiment = cls()
-    result = experiment.run()
+    experiment, result = start(cls)
     monkeypatch.setattr(cls, "run", refused)
     for owner, name in ((Kernel, "run"), (Cache, "read"), (Cache, "write"), (labkit.phases.designs, "run_design")):
         monkeypatch.setattr(owner, name, refused)
@@ -105,14 +110,14 @@ def test_figure_and_metrics_simulate_nothing(cls, monkeypatch):
 
 
 def test_plotly_accepts_the_whole_figure(cls):
-    experiment = cls()
-    go.Figure(experiment.figure(experiment.run()))
+    experiment, result = start(cls)
+    go.Figure(experiment.figure(result))
 
 
 def test_the_page_decides_the_size_and_every_text_has_one(cls):
     """The page sets width and scales text; what it cannot see, it cannot scale."""
-    experiment = cls()
-    figure = experiment.figure(experiment.run())
+    experiment, result = start(cls)
+    figure = experiment.figure(result)
     layout = figure["layout"]
     assert layout["height"] and not {"width", "autosize", "template"} & layout.keys()
     assert all("size" in note["font"] for note in layout.get("annotations", ()))
@@ -123,16 +128,14 @@ def test_the_page_decides_the_size_and_every_text_has_one(cls):
 
 
 def test_a_run_is_pure(cls):
-    def numbers():
-        experiment = cls()
-        return experiment.metrics(experiment.run())
-
-    assert numbers() == numbers()
+    experiment, result = start(cls)
+    again = cls()
+    assert again.metrics(again.run()) == experiment.metrics(result)
 
 
 def test_the_command_line_runs_it_and_says_the_same_numbers(cls, capsys):
     assert main(["run", cls.name(), "--json"]) == 0
     printed = json.loads(capsys.readouterr().out)
-    experiment = cls()
+    experiment, result = start(cls)
     assert printed["parameters"] == experiment.model_dump()
-    assert [m["name"] for m in printed["metrics"]] == [m.name for m in experiment.metrics(experiment.run())]
+    assert [m["name"] for m in printed["metrics"]] == [m.name for m in experiment.metrics(result)]
