@@ -12,7 +12,7 @@ from typing_extensions import Doc
 
 from labkit.experiment import Experiment, Metric, View
 from labkit.experiments.contest import KEYS, Contest
-from labkit.figures import VERMILION, Panel, axis, gantt, key, lock_keys, stack
+from labkit.figures import VERMILION, Panel, axis, gantt, held, key, lock_keys, stack
 from labkit.kernel import Kernel, Run
 from labkit.scheduler import CriticalSection, HeldSection, PeriodicTask, blocking_bounds, response_times
 
@@ -24,7 +24,6 @@ WAYS = {
 }
 BASE = {"H": 3, "S": 2, "L": 1}
 L_BEFORE, L_AFTER, H_WORK, S_INSIDE = 500, 1000, 1000, 1000  # us
-END = 20  # ms: everybody is through
 
 COMES: dict[str, Any] = {"symbol": "triangle-down", "size": 13, "color": VERMILION}
 SERVED: dict[str, Any] = {"symbol": "triangle-down-open", "size": 13, "color": VERMILION, "line": {"width": 2.5}}
@@ -59,7 +58,7 @@ class MutualExclusion(Experiment[dict[str, Way]]):
     section: Annotated[int, Interval(ge=1, le=9), Unit("ms"), Doc("work of L while it has the data for itself")] = 5
     interrupt: Annotated[int, Interval(ge=0, le=10), Unit("ms"), Doc("when the device interrupts for H")] = 2
     release_S: Annotated[int, Interval(ge=0, le=8), Unit("ms"), Doc("when S is released by a tick")] = 4
-    at: Annotated[int, Interval(ge=0, le=END), Unit("ms"), View(play=True), Doc("a time to look at, in all runs")] = 0
+    at: Annotated[int, Interval(ge=0, le=22), Unit("ms"), View(play=True), Doc("a time to look at, in all runs")] = 0
 
     def simulate(self, way: str) -> Run:
         """One run, in which the data are kept in one of the WAYS."""
@@ -88,7 +87,11 @@ class MutualExclusion(Experiment[dict[str, Way]]):
         for name, body in (("L", low), ("S", sharing), ("H", high)):
             k.task(name, body, BASE[name])
         k.interrupt(self.interrupt * k.ms, lambda isr: isr.give(signal))
-        return k.run(until=END * k.ms)
+        return k.run(until=self.horizon() * k.ms)
+
+    def horizon(self) -> int:
+        """Length of the run in ms: whatever the way, everybody has ended, S after the ticks that L's section has cost it."""
+        return max(self.interrupt, self.release_S) + self.section + 3
 
     def bounds(self, way: str) -> tuple[int, int | None]:
         """The most that H and S can wait in ms, whatever the releases; None for S where lost ticks put its release off."""
@@ -96,9 +99,9 @@ class MutualExclusion(Experiment[dict[str, Way]]):
         work = {"H": H_WORK, "S": S_INSIDE, "L": L_BEFORE + self.section * 1000 + L_AFTER}
         tasks = [PeriodicTask(name, wcet, never) for name, wcet in work.items()]
         inside = {"S": S_INSIDE, "L": self.section * 1000}
-        held = [HeldSection(name, length) for name, length in inside.items()] if way != "mutex" else []
+        masked = [HeldSection(name, length) for name, length in inside.items()] if way != "mutex" else []
         locked = [CriticalSection(name, "data", length) for name, length in inside.items()] if way == "mutex" else []
-        blocking = blocking_bounds(tasks, locked, "freertos", held)
+        blocking = blocking_bounds(tasks, locked, "freertos", masked)
         waits = {
             name: None if response is None else (response - work[name]) // 1000
             for name, response in response_times(tasks, blocking=blocking).items()
@@ -113,9 +116,9 @@ class MutualExclusion(Experiment[dict[str, Way]]):
         """Who waited how long in a run, and when nobody but the one with the data could run."""
         trace = run.trace
         edges = trace.rows("enter_critical", "exit_critical", "suspend_all", "resume_all")[:, 0]
-        held = edges.reshape(-1, 2)  # no two of them overlap: nobody runs who could begin another
+        alone = edges.reshape(-1, 2)  # no two of them overlap: nobody runs who could begin another
         high, sharing = (
-            Contest.of(run, "H", self.interrupt, held),
+            Contest.of(run, "H", self.interrupt, alone),
             Contest.of(run, "S", self.release_S, np.empty((0, 2), np.int64)),
         )
         handled = trace.rows("isr")[0, 0] * 1e3 / trace.hz
@@ -127,7 +130,7 @@ class MutualExclusion(Experiment[dict[str, Way]]):
         return stack(
             *panels,
             height=480,
-            shared=axis("time [ms]", range=[0, END]),
+            shared=axis("time [ms]", range=[0, self.end()]),
             keys=(
                 *KEYS[:2],
                 "everybody else is held",
@@ -139,20 +142,22 @@ class MutualExclusion(Experiment[dict[str, Way]]):
             says=f"At {self.at} ms. {says}.",
         )
 
+    def end(self) -> float:
+        """Of the time axis, in ms: behind the end of S there is room for what is said of it."""
+        return held(1.2 * self.horizon())
+
     def panel(self, title: str, seen: Way) -> Panel:
         """Who ran, and the interrupt above the row of H."""
         found = seen.high
-        remarks = [
-            (contest.end, contest.task, f"{contest.task} has waited {contest.blocked:g} ms") for contest in (found, seen.sharing)
-        ]
+        remarks = [(who.end, who.task, f"{who.task} has waited {who.blocked:g} ms") for who in (found, seen.sharing)]
         bands = [(start, stop) for start, stop in found.wrong.tolist()]
-        rows = gantt(found.history, tuple(BASE), 0, END, title=title, locks=("data",), remarks=remarks, bands=bands)
+        rows = gantt(found.history, tuple(BASE), 0, self.end(), title=title, locks=("data",), remarks=remarks, bands=bands)
         comes, let_in = (
             {
                 "type": "scatter",
                 "mode": "markers",
                 "x": np.array([time]),
-                "y": np.array([0.5]),
+                "y": np.array([0.3]),
                 "marker": marker,
                 "cliponaxis": False,
                 "showlegend": False,
@@ -172,11 +177,11 @@ class MutualExclusion(Experiment[dict[str, Way]]):
             )
             note = "no bound: ticks are lost, and S is released by one" if sharing is None else "for L and for H"
             whose["S"].append(Metric(f"S waits, {way}", seen.sharing.blocked, "ms", bound=sharing, note=note))
-        held = [Metric(f"interrupt held, {way}", seen.handled - self.interrupt, "ms") for way, seen in result.items()]
+        kept = [Metric(f"interrupt held, {way}", seen.handled - self.interrupt, "ms") for way, seen in result.items()]
         lost = result["critical section"].lost
         return [
             *whose["H"],
             *whose["S"],
-            *held,
+            *kept,
             Metric("ticks lost, critical section", lost, "ticks", good=not lost, note="the hardware remembers one, not more"),
         ]

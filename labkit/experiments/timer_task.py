@@ -17,10 +17,10 @@ from labkit.kernel import Kernel, Run
 END = 60  # ms simulated
 BEAT, REPORT, CONTROL = 5, 20, 10  # ms: periods of the two timers and of wheel_ctrl
 CONTROL_PRIORITY, REPORT_PRIORITY = 3, 1
-HOW = {
-    "computes": "in the callback, which computes",
-    "waits": "in the callback, which waits for an answer",
-    "task": "in a task of its own, which the callback notifies",
+BY = {
+    "callback": "the callback, which computes",
+    "waiting callback": "the callback, which waits for it",
+    "task": "a task that the callback notifies",
 }
 
 
@@ -64,7 +64,7 @@ class TimerTask(Experiment[Beats]):
 
     priority: Annotated[int, Interval(ge=1, le=5), Doc("of the timer task; wheel_ctrl has 3, report 1")] = 5
     report: Annotated[int, Interval(ge=1, le=8), Unit("ms"), Doc("what a report takes")] = 6
-    done: Annotated[Literal["computes", "waits", "task"], Labels(HOW), Doc("where the report is made")] = "computes"
+    made_by: Annotated[Literal["callback", "waiting callback", "task"], Labels(BY), Doc("who makes the report")] = "callback"
     control: Annotated[int, Interval(ge=1, le=5), Unit("ms"), Doc("work of wheel_ctrl, every 10 ms")] = 3
     at: Annotated[int, Interval(ge=0, le=END), Unit("ms"), View(play=True), Doc("a time to look at")] = 0
 
@@ -72,9 +72,9 @@ class TimerTask(Experiment[Beats]):
         k = Kernel(timer_priority=self.priority)
 
         def made(os: Any) -> Any:
-            if self.done == "computes":
+            if self.made_by == "callback":
                 yield os.compute(self.report * os.ms)
-            elif self.done == "waits":
+            elif self.made_by == "waiting callback":
                 yield os.delay(self.report)
             else:
                 yield os.notify_give(reporter)
@@ -140,8 +140,8 @@ class TimerTask(Experiment[Beats]):
 
 
 def check_prompt_beats(answer: TimerTask) -> Feedback:
-    """Exercise 5: no beat late and wheel_ctrl never held up, with the same work, by priority and place of the report."""
-    wrong = refused(answer, TimerTask(), "priority", "done")
+    """Exercise 5: no beat late and wheel_ctrl never held up, with the same work, by priority and who makes the report."""
+    wrong = refused(answer, TimerTask(), "priority", "made_by")
     if wrong:
         return wrong
     result = answer.run()

@@ -47,11 +47,11 @@ def test_beats_come_in_order_and_none_is_lost(experiment):
     result = experiment.run()
     assert result.late.min() >= 0 and (result.called[1:] >= result.called[:-1]).all() and len(result.called) == 11
     if experiment.priority > 3:  # nobody but the other callback holds up a beat
-        assert result.late.max() == (0 if experiment.done == "task" else experiment.report)
-        assert result.control == experiment.control + (experiment.report if experiment.done == "computes" else 0)
+        assert result.late.max() == (0 if experiment.made_by == "task" else experiment.report)
+        assert result.control == experiment.control + (experiment.report if experiment.made_by == "callback" else 0)
     if experiment.priority < 3:  # wheel_ctrl does, and is held up by nobody
         assert result.control == experiment.control
-        assert experiment.done == "task" or result.late.max() > experiment.report
+        assert experiment.made_by == "task" or result.late.max() > experiment.report
         assert result.late.max() >= experiment.control
     assert (
         experiment.measure("beats at once")
@@ -60,13 +60,16 @@ def test_beats_come_in_order_and_none_is_lost(experiment):
 
 
 def test_what_waits_in_a_callback_holds_up_timers_but_no_task():
-    computes, waits = TimerTask().run(), TimerTask(done="waits").run()
+    computes, waits = TimerTask().run(), TimerTask(made_by="waiting callback").run()
     assert waits.late.tolist() == computes.late.tolist() and waits.late.max() == 6
     assert (computes.control, waits.control) == (9, 3)
 
 
 def test_the_exercise_asks_the_model():
-    answers = [TimerTask(priority=p, done=how) for p in range(1, 6) for how in ("computes", "waits", "task")]
-    assert [a for a in answers if check_prompt_beats(a).solved] == [TimerTask(priority=4, done="task"), TimerTask(done="task")]
-    assert not check_prompt_beats(TimerTask(done="task", report=1)).solved
-    assert not check_prompt_beats("TimerTask(done='task')").solved
+    answers = [TimerTask(priority=p, made_by=by) for p in range(1, 6) for by in ("callback", "waiting callback", "task")]
+    assert [a for a in answers if check_prompt_beats(a).solved] == [
+        TimerTask(priority=4, made_by="task"),
+        TimerTask(made_by="task"),
+    ]
+    assert not check_prompt_beats(TimerTask(made_by="task", report=1)).solved
+    assert not check_prompt_beats("TimerTask(made_by='task')").solved
