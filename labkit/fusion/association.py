@@ -95,8 +95,8 @@ class Rule(Protocol):
 
 
 @dataclass(frozen=True)
-class GlobalNearest:
-    """The assignment that explains all measurements of a look best; gate by Mahalanobis distance."""
+class _Gated:
+    """Pairs within a gate by Mahalanobis distance that lets through this share of the true ones."""
 
     share: float = GATE
     again: bool = True
@@ -106,6 +106,11 @@ class GlobalNearest:
 
     def allowed(self, found: Pairs, elapsed: Sequence[float]) -> np.ndarray:
         return found.squared <= gate_squared(self.share)
+
+
+@dataclass(frozen=True)
+class GlobalNearest(_Gated):
+    """The assignment that explains all measurements of a look best; gate by Mahalanobis distance."""
 
     def owners(self, found: Pairs, elapsed: Sequence[float]) -> np.ndarray:
         allowed = self.allowed(found, elapsed)
@@ -158,21 +163,12 @@ class NearestFirst:
 
 
 @dataclass(frozen=True)
-class JointCompatible:
+class JointCompatible(_Gated):
     """As many pairs as are likely *together*, the nearest of these; branch and bound, by the shortest sum of squared distances.
 
     Estimates of different elements are independent here, so the joint distance is the sum, and k pairs must stay below the
     quantile of chi-square with 2k degrees of freedom.
     """
-
-    share: float = GATE
-    again: bool = True
-
-    def __post_init__(self) -> None:
-        gate_squared(self.share)
-
-    def allowed(self, found: Pairs, elapsed: Sequence[float]) -> np.ndarray:
-        return found.squared <= gate_squared(self.share)
 
     def owners(self, found: Pairs, elapsed: Sequence[float]) -> np.ndarray:
         from scipy.special import chdtri
