@@ -16,6 +16,7 @@ from labkit.phases import LaserTeam, laser_team
 MS = 1_000_000
 STATIONS = ("station 1", "station 2")
 PERIODS = 60
+MOST_APART = 200  # ms that are drawn; what is further apart lies at the edge
 
 
 class DistributedFusion(Experiment[LaserTeam]):
@@ -75,11 +76,15 @@ class DistributedFusion(Experiment[LaserTeam]):
         y = axis("", range=[-1.6, 0.75], tickvals=[0, -1], ticktext=[f"<b>{name}</b>" for name in STATIONS], showgrid=False)
         x = axis(f"time since the begin of period {self.period} of station 1 [ms]", range=[0, 100])
         apart = result.apart_ns / MS
-        inside = (apart >= 0) & (apart <= self.threshold)
+        inside, beyond = (apart >= 0) & (apart <= self.threshold), apart > self.threshold
+        near = apart <= MOST_APART
         number = np.array([fused.period for fused in team.fused])
+        alone = len(apart) - int(inside.sum() + beyond.sum())
+        lacking = f"; {alone} of {len(apart)} had those of one station only" if alone else ""
         drawn = [
             _points("coherent", number[inside], apart[inside], BLUE, "circle"),
-            _points("incoherent", number[~inside], np.maximum(apart[~inside], 0), VERMILION, "x"),
+            _points("incoherent", number[beyond & near], apart[beyond & near], VERMILION, "x"),
+            _points(f"beyond {MOST_APART} ms", number[~near], apart[~near], VERMILION, "triangle-up"),
             {
                 "type": "scatter",
                 "mode": "lines",
@@ -95,9 +100,9 @@ class DistributedFusion(Experiment[LaserTeam]):
             Panel([*bars, taken], y, x, title="Windows on the global clock", height=0.8, left=96),
             Panel(
                 drawn,
-                axis("apart [ms]", range=[-5, 205]),
+                axis("apart [ms]", range=[-5, MOST_APART + 10]),
                 across,
-                title="Timestamps that one fusion works on",
+                title="Timestamps that one fusion works on" + lacking,
                 height=1.2,
                 left=96,
             ),
@@ -106,6 +111,7 @@ class DistributedFusion(Experiment[LaserTeam]):
 
     def metrics(self, result: LaserTeam) -> list[Metric]:
         share, there = result.coherent(self.threshold * MS), result.apart_ns[result.apart_ns >= 0]
+        alone = len(result.apart_ns) - len(there)
         overlap = result.team.overlap()
         return [
             Metric("coherent fusions", 100 * share, "%", good=share == 1, note=f"of {len(result.apart_ns)}, by the threshold"),
@@ -115,7 +121,7 @@ class DistributedFusion(Experiment[LaserTeam]):
                 "data of both",
                 100 * len(there) / max(1, len(result.apart_ns)),
                 "%",
-                note="at the begin of the fusion, however old",
+                note=f"at the begin of the fusion, however old; {alone} fusions had one station's only",
             ),
             Metric(
                 "largest difference",
@@ -164,8 +170,9 @@ def _points(name: str, x: np.ndarray, y: np.ndarray, colour: str, symbol: str) -
         "type": "scatter",
         "mode": "markers",
         "x": x,
-        "y": y,
+        "y": np.minimum(y, MOST_APART),
         "name": name,
         "marker": {"symbol": symbol, "size": 9, "color": colour, "opacity": 1},
-        "hovertemplate": f"period %{{x}}: %{{y:.1f}} ms apart, {name}<extra></extra>",
+        "customdata": y,
+        "hovertemplate": f"period %{{x}}: %{{customdata:.1f}} ms apart, {name}<extra></extra>",
     }

@@ -14,6 +14,7 @@ from labkit.figures import Hop, sequence
 from labkit.network import DELIVERIES, OUTCOMES, Adversary, Delivery, Found, Group, Lost, Turn, every_pattern, play
 
 MOST_STEPS = 81  # three stations, an omission degree of 2: 27 slots of three transmissions
+LONGEST = 63  # the longest story of `OneLoss`: three stations, and the last loss in slot 20
 ALL, NONE, LEFT, DISAGREE = OUTCOMES
 ADVERSARIES = {"assumption": "OD in a row, at most", "anything": "whatever it likes"}
 SHOWN = {"worst": "that ends worst", "latest": "with the latest delivery"}
@@ -38,7 +39,7 @@ class LossPatterns(Experiment[Told]):
 
     slow: ClassVar[bool] = True
     headline: ClassVar[tuple[str, ...]] = ("patterns", "disagreements", "latest delivery")
-    step: Annotated[int, Interval(ge=0, le=MOST_STEPS), View(), Doc("how many transmissions have happened")] = MOST_STEPS
+    step: Annotated[int, Interval(ge=0, le=MOST_STEPS), View(play=True), Doc("how many transmissions have happened")] = MOST_STEPS
     delivery: Annotated[Delivery, Labels(DELIVERIES), Doc("when a station hands a packet on")] = "agreed"
     adversary: Annotated[Adversary, Labels(ADVERSARIES), Doc("what the adversary may lose")] = "anything"
     shown: Annotated[Literal["worst", "latest"], Labels(SHOWN), View(), Doc("which pattern is shown")] = "worst"
@@ -97,7 +98,7 @@ class OneLoss(Experiment[tuple[Turn, ...]]):
     row.
     """
 
-    step: Annotated[int, Interval(ge=0, le=MOST_STEPS), View(), Doc("how many transmissions have happened")] = MOST_STEPS
+    step: Annotated[int, Interval(ge=0, le=LONGEST), View(play=True), Doc("how many transmissions have happened")] = LONGEST
     missing: Annotated[
         Literal["nothing", "poll", "answer", "to S0", "to S1", "to S2"], Labels(WHAT), Doc("the transmission that is lost")
     ] = "answer"
@@ -140,12 +141,19 @@ class OneLoss(Experiment[tuple[Turn, ...]]):
 
 
 def picture(turns: tuple[Turn, ...], stations: int, step: int) -> dict[str, Any]:
-    """The sequence diagram of a played pattern, up to a step."""
-    hops, states = story(turns, stations)
+    """The sequence diagram of a played pattern, up to a step, or to where nothing changes any more."""
+    hops, states = to_the_end(*story(turns, stations))
     step = min(step, len(hops))
     now = f"Step {step} of {len(hops)}, slot {hops[step - 1].slot}: {hops[step - 1].text}" if step else "Nothing has happened yet"
-    end = f". {ending(states[-1])}" if step == len(hops) else ""
+    end = f". {ending(states[-1])}; nothing changes any more" if step == len(hops) else ""
     return sequence(["access point", *(f"S{i}" for i in range(stations))], hops, states, step, now + end)
+
+
+def to_the_end(hops: list[Hop], states: list[tuple[str, ...]]) -> tuple[list[Hop], list[tuple[str, ...]]]:
+    """A story without the slots after the last one in which anybody learns something, or something is lost."""
+    last = max((hop.slot for hop, before, after in zip(hops, states, states[1:]) if hop.lost or after != before), default=0)
+    count = sum(hop.slot <= last for hop in hops)
+    return hops[:count], states[: count + 1]
 
 
 def power(count: int) -> str:

@@ -18,7 +18,7 @@ from labkit.experiments import (
     check_two_generals,
 )
 from labkit.experiments.group_communication import PARTS
-from labkit.experiments.group_patterns import power, story
+from labkit.experiments.group_patterns import LONGEST, MOST_STEPS, power, story, to_the_end
 from labkit.network import Group, every_pattern, play
 
 NOTEBOOK = Path(__file__).parents[2] / "notebooks" / "10_group_communication.ipynb"
@@ -79,6 +79,32 @@ def test_the_story_ends_as_the_search_says(delivery):
     assert any("takes A for rejected" in hop.text for hop in hops) == (delivery == "silence is no")
     delivers = {i for turn in result.worst for i, _ in turn.delivered}
     assert {i for i in (0, 1) if states[-1][i + 1] == "accepted, delivered"} == delivers
+
+
+def steps_of(experiment):
+    """How many steps the picture tells."""
+    says = experiment.figure(experiment.run())["layout"]["meta"]["says"]
+    return int(re.match(r"Step (\d+) of \1, .*; nothing changes any more$", says)[1])
+
+
+def test_the_step_slider_is_as_long_as_the_longest_story():
+    """In every story of the pattern with one loss the slider's end is the end; in some of three stations it is its last step."""
+    experiments = [
+        OneLoss(missing=missing, slot=slot, rounds=rounds, stations=stations, omission_degree=degree)
+        for missing in ("poll", "answer", "to S0", "to S1", "to S2")
+        for slot in (0, 1, 2, 5, 8)
+        for rounds in (1, 3, 5)
+        for stations, degree in ((2, 1), (3, 1), (3, 2))
+    ]
+    assert max(map(steps_of, experiments)) == LONGEST < MOST_STEPS
+    assert steps_of(OneLoss(missing="nothing")) == 6 and steps_of(OneLoss(slot=8)) == 27, "with the loss, though it costs nothing"
+
+
+def test_a_story_ends_with_the_slot_after_which_nobody_learns_anything():
+    whole = story(play(Group(2, 1), 1, frozenset()), 2)
+    hops, states = to_the_end(*whole)
+    assert hops == whole[0][: len(hops)] and states == whole[1][: len(states)] and len(states) == len(hops) + 1
+    assert set(whole[1][len(hops) :]) == {states[-1]} and states[-1] != states[-1 - 3]
 
 
 def test_a_lost_transmission_has_a_cross_and_nothing_follows_a_lost_poll():
