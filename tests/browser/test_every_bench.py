@@ -107,9 +107,9 @@ def matches(drawn, fresh) -> bool:
 
 def check(bench: Locator, experiment: Experiment, where: str, faults: list[str]) -> None:
     """Wait until the page shows this experiment, compare it with the model, and note what lies on what."""
-    settled(bench, experiment.code())
-    result = experiment.run()
+    result = experiment.run()  # while the page and its kernel do the same
     fresh = plain(experiment.figure(result))
+    settled(bench, experiment.code())
     fresh["data"] = [trace for trace in fresh["data"] if trace.get("showlegend") is not False or trace.get("x") != []]
     data, shapes, notes = json.loads(bench.locator(".js-plotly-plot").evaluate(DRAWN))
     what = f"{where}: {experiment.code()}"
