@@ -22,10 +22,9 @@ interrupts. However a simulation is cut into steps, the trace is the same; a ste
             k.interrupt(k.now, plant.sample())
 
 Left out: interrupts inside a service or a tick (they wait until it is over), tick overflow, several cores, tickless idle,
-co-routines, hooks, deletion of timers and objects, batching buffers, several readers or writers of one buffer, calls from
-interrupts that the list does not have. Blocking while the scheduler is suspended or inside a critical section is an error here;
-the real kernel forbids it and goes astray. Caches and bus contention are not modelled: a cycle of `compute` is a cycle. The
-services are listed in `labkit.kernel`.
+co-routines, hooks, deletion of timers and objects, batching buffers, several readers or writers of one buffer, and every call
+that the list in `labkit.kernel` does not have. Blocking while the scheduler is suspended or inside a critical section is an error
+here; the real kernel forbids it and goes astray. Caches and bus contention are not modelled: a cycle of `compute` is a cycle.
 """
 
 from __future__ import annotations

@@ -87,7 +87,7 @@ def examples(path: Path) -> tuple[str, list[tuple[str, str]]]:
 def page() -> nbformat.NotebookNode:
     """The notebook, each cell with what it prints."""
     everywhere = one_line(labkit.kernel.__doc__, "differs. ")
-    left_out = one_line(labkit.kernel.kernel.__doc__, "\n\nLeft out: ").partition(" The services are listed")[0]
+    left_out = one_line(labkit.kernel.kernel.__doc__, "\n\nLeft out: ")
     text = INTRODUCTION.format(everywhere=everywhere, left_out=f"Left out: {left_out}")
     names: dict[str, object] = {}
     exec(SETUP, names)
