@@ -50,6 +50,13 @@ class View:
 
 
 @dataclass(frozen=True)
+class Group:
+    """Begins a group of parameters: a bench writes this heading above the one so marked and those behind it."""
+
+    heading: str
+
+
+@dataclass(frozen=True)
 class Labels:
     """Text shown for the choices of a parameter, where the bare values would not explain themselves."""
 
@@ -113,6 +120,7 @@ class Parameter:
     max_length: int | None = None
     view: bool = False
     play: bool = False
+    group: str = ""
 
     @property
     def label(self) -> str:
@@ -152,6 +160,8 @@ def _parameter(name: str, field: Any) -> Parameter:
                 known["doc"] = item.documentation
             case Labels():
                 known["labels"] = item.text
+            case Group():
+                known["group"] = item.heading
             case View():
                 known |= {"view": True, "play": item.play}
     kind = field.annotation

@@ -9,13 +9,13 @@ import math
 import threading
 import time
 import traceback
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import ipywidgets as w
 
-from labkit.bench.controls import control, on_grid
+from labkit.bench.controls import control, heading, on_grid
 from labkit.bench.plot import Plot, cards
 from labkit.bench.predict import questions_before
 from labkit.experiment import Experiment, Metric, Parameter, ParameterError, Superseded, progress_listener
@@ -72,7 +72,7 @@ class Bench(w.VBox):
         self._playable = next((p for p in self._parameters if p.play), None)
         self.plot = Plot(self._answer, self._playable.label if self._playable else "")
         grid = w.Layout(grid_template_columns="repeat(auto-fill, minmax(390px, 1fr))")
-        box = w.GridBox(list(self.controls.values()), layout=grid)
+        box = w.GridBox(list(self._headed()), layout=grid)
         box.add_class("lab-controls")
         super().__init__([box, self.plot])
         self.add_class("lab-bench")
@@ -81,6 +81,13 @@ class Bench(w.VBox):
             self._begin(experiment)
         else:  # what fails before anybody moved a control is an error of the cell
             self._replace(show(experiment, experiment.run()))
+
+    def _headed(self) -> Iterator[w.Widget]:
+        """The controls, and a heading above those of each group."""
+        for p in self._parameters:
+            if p.group:
+                yield heading(p.group)
+            yield self.controls[p.name]
 
     @property
     def experiment(self) -> Experiment[Any]:

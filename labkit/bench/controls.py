@@ -39,6 +39,13 @@ def control(p: Parameter, value: Any) -> w.Widget:
     return made
 
 
+def heading(text: str) -> w.Widget:
+    """What stands above the controls of a group, across all columns (plot.css)."""
+    made = w.Label(text)
+    made.add_class("lab-group")
+    return made
+
+
 def _digits(p: Parameter, step: float) -> int:
     """Decimals that tell a value from the next: all that the declared step has, 2 for 0.25, else as many as the step is small."""
     if p.step:

@@ -39,6 +39,7 @@ MODULES: dict[str, str] = {
     "RobotPath": "robot_path",
     "PathAgainstRate": "robot_path",
     "MicroRosRate": "micro_ros",
+    "ExecutorRounds": "micro_ros_rounds",
     "RateCurves": "micro_ros",
     "PublishedTables": "micro_ros_tables",
     "QueueOrMiddleware": "micro_ros_tables",

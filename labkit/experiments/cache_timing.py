@@ -10,7 +10,7 @@ from annotated_types import Interval, MultipleOf, Unit
 from typing_extensions import Doc
 
 from labkit.cache import Cost, Timing, Work, run_cost, wait_states
-from labkit.experiment import Experiment, Feedback, Labels, Metric
+from labkit.experiment import Experiment, Feedback, Group, Labels, Metric
 from labkit.experiments.answers import refused
 from labkit.experiments.cache_speedups import CLAIMS, RATES, measured_factor, recordings
 from labkit.figures import (
@@ -86,12 +86,12 @@ class TimingModel(Experiment[tuple[Cost, Cost]]):
     robot's tasks.
     """
 
-    coldness: Coldness = 60
+    coldness: Annotated[Coldness, Group("the program")] = 60
     passes: Annotated[int, Interval(ge=1, le=20), Doc("how often a job runs through its code: 1 is straight on, 20 a loop")] = 1
     insensitive: Annotated[
         int, Interval(ge=0, le=300), MultipleOf(10), Unit("%"), Doc("time no cache changes, in % of the pure computing")
     ] = 0
-    clock: Clock = 216
+    clock: Annotated[Clock, Group("the board")] = 216
     per_instruction: PerInstruction = 1.0
     overhead: Overhead = 2
     uncached_data: UncachedData = 6
@@ -122,7 +122,7 @@ class TimingModel(Experiment[tuple[Cost, Cost]]):
         factor = off.total / on.total
         ratio = axis("time without caches / time with caches", range=[0, max(8, held(factor * 1.02))])
         panels = [stacked(bars, PARTS, cycles), factors(rows, ratio, line=factor, left=220)]
-        return stack(panels, height=440, barmode="stack", keys=["measured (source 1)"])
+        return stack(panels, height=410, barmode="stack", keys=["measured (source 1)"])
 
     def without_effect(self) -> Mapping[str, str]:
         return {} if self.coldness else dict.fromkeys(("passes", "data_fill"), "with coldness above 0")

@@ -11,31 +11,13 @@ import numpy as np
 from annotated_types import Interval, MultipleOf, Unit
 from typing_extensions import Doc
 
-from labkit.experiment import Experiment, Feedback, Labels, Metric, View, progress
-from labkit.figures import (
-    BLUE,
-    GREY,
-    INK,
-    ORANGE,
-    SKY,
-    VERMILION,
-    Curve,
-    History,
-    Panel,
-    Steps,
-    axis,
-    colours,
-    curves,
-    gantt,
-    stack,
-    steps,
-)
+from labkit.experiment import Experiment, Feedback, Labels, Metric, progress
+from labkit.figures import BLUE, GREEN, GREY, INK, ORANGE, PALE, SKY, Curve, History, Steps, axis, curves, key, stack, steps
 from labkit.robot import DATA, TICK, TIMER_RULES, WAIT_RULES, Host, MicroRos, Recording, robot, simulate
 
-ROWS = ("EthIf", "tcpip_thread", "uros", "profile", "IDLE")
-SCOPES = ("w_ctrl", "odom", "odometry", "p_ctrl")
 LONGEST = 3  # s
 REACHED = (910, 980)  # Hz at a target of 1000 Hz, as published
+REACHED_KEY = key("reached in source 1", type="bar", marker={"color": PALE})
 PERIODS = {1: "1000 Hz", 2: "500 Hz", 5: "200 Hz", 10: "100 Hz", 20: "50 Hz", 30: "33 Hz"}
 
 Us = Unit("us")
@@ -76,8 +58,7 @@ class Spun:
 class MicroRosRate(Experiment[Spun]):
     """How often is the wheel controller called under micro-ROS?
 
-    Above: a few milliseconds of the processor, and the callbacks inside `uros`. Below: calls in each tenth of a second and in
-    each second of the run; the grey band is what source 1 reached at a target of 1000 Hz.
+    Calls in each tenth of a second and in each second of the run; the grey band is what source 1 reached at a target of 1000 Hz.
     """
 
     slow: ClassVar[bool] = True
@@ -102,12 +83,6 @@ class MicroRosRate(Experiment[Spun]):
     tracing: Annotated[bool, Doc("the tasks that trace, profile and tsink, run too")] = False
     seconds: Annotated[int, Interval(ge=1, le=LONGEST), Unit("s"), Doc("how long")] = LONGEST
     seed: Annotated[int, Interval(ge=1, le=99), Doc("of the random numbers")] = 7
-    start: Annotated[
-        float, Interval(ge=0, le=1000 * LONGEST), MultipleOf(0.05), Unit("ms"), View(), Doc("where the upper picture begins")
-    ] = 100.0
-    end: Annotated[
-        float, Interval(ge=0, le=1000 * LONGEST), MultipleOf(0.05), Unit("ms"), View(), Doc("where the upper picture ends")
-    ] = 108.0
 
     def setup(self) -> MicroRos:
         """Board and host as the model has them."""
@@ -128,13 +103,8 @@ class MicroRosRate(Experiment[Spun]):
         recording = simulate(self.setup(), self.seconds, progress)
         return Spun(recording, History(recording.trace))
 
-    def window(self) -> tuple[float, float]:
-        """The part of the upper picture in ms: in order, inside, and not empty."""
-        low, high = sorted(min(at, 1000.0 * self.seconds) for at in (self.start, self.end))
-        return (low, high) if high - low >= 0.01 else (max(low - 1.0, 0.0), max(low, 1.0))
-
     def figure(self, result: Spun) -> dict[str, Any]:
-        recording, (low, high) = result.recording, self.window()
+        recording = result.recording
         target, begin = 1000 / self.wheel, 1000 * recording.begin
         whole = begin + 1000 * self.seconds
         tenths, seconds = recording.windows(0.1), recording.windows()
@@ -143,26 +113,17 @@ class MicroRosRate(Experiment[Spun]):
             Steps("in a second", begin + np.arange(len(seconds)) * 1000.0, seconds, BLUE),
             Steps("target", np.zeros(1), np.full(1, target), INK, "dot"),
         ]
-        least = min(tenths.min(), 0.9 * target)
         rate = steps(
             lines,
             "calls per second",
             whole,
             shapes=[_band(*REACHED)] if self.wheel == 1 else [_band(0, 0)],
-            height=2.2,
-            left=120,
             x=axis("time [ms]", range=[0, whole]),
         )
-        rate.y.update(range=[max(0, least - 0.02 * target), 1.04 * max(target, tenths.max())], rangemode="normal")
-        x = axis("", range=[low, high])
-        return stack(
-            gantt(result.history, ROWS, low, high, height=2.4, x=x),  # the first, since its axis is what a zoom tells
-            callbacks(recording, low, high, height=1.6, x={**x, "matches": "x", "title": {"text": "time [ms]"}}),
-            rate,
-            height=580,
-            keys=("ready", "waits for lock, queue, signal"),
-            meta={"range": ("start", "end")},
-        )
+        lowest, highest = tenths.min() / target, tenths.max() / target
+        ends = next(share for share in (0.88, 0.7, 0.4, 0) if share <= lowest), 1.02 if highest <= 1.02 else 1.25
+        rate.y.update(range=[target * end for end in ends], rangemode="normal", fixedrange=True)
+        return stack(rate, height=400, keys=[{**REACHED_KEY, "visible": self.wheel == 1}])
 
     def metrics(self, result: Spun) -> list[Metric]:
         r, windows = result.recording, result.recording.windows()
@@ -171,7 +132,7 @@ class MicroRosRate(Experiment[Spun]):
         guide = r.guide() if self.wheel == 1 else None
         spread = (float(r.intervals.min()), float(r.intervals.max())) if len(r.intervals) else (None, None)
         share = result.history.shares(np.array([r.trace.start, r.trace.end]))[r.trace.code("IDLE"), 0]
-        as_published = self == type(self)(seconds=self.seconds, start=self.start, end=self.end)
+        as_published = self == type(self)(seconds=self.seconds)
         return [
             Metric("wheel rate", r.rate, "Hz", published="910 to 980" if as_published else None, good=r.rate >= 0.99 * target),
             Metric("slowest second", float(windows.min()), "Hz", published=REACHED[0] if as_published else None),
@@ -204,38 +165,6 @@ def _band(low: float, high: float) -> dict[str, Any]:
     }
 
 
-def callbacks(recording: Recording, low: float, high: float, **more: Any) -> Panel:
-    """The callbacks as rows of bars, from their begin to their end, from `low` to `high` in ms; at most 1500 of them."""
-    ms, paint = recording.trace.hz / 1e3, colours(SCOPES)
-    drawn = []
-    for row, name in enumerate(SCOPES):
-        found = recording.passes(name) / ms
-        found = found[(found[:, 1] > low) & (found[:, 0] < high)][: 1500 // len(SCOPES)]
-        drawn.append(
-            {
-                "type": "bar",
-                "orientation": "h",
-                "base": found[:, 0],
-                "x": found[:, 1] - found[:, 0],
-                "y": np.full(len(found), -row),
-                "width": 0.6,
-                "marker": {"color": paint[name], "line": {"width": 0}},
-                "showlegend": False,
-                "hovertemplate": f"{name}<br>from %{{base:.3f}} ms for %{{x:.3f}} ms<extra></extra>",
-            }
-        )
-    y = axis(
-        "",
-        range=[0.5 - len(SCOPES), 0.5],
-        tickvals=[-row for row in range(len(SCOPES))],
-        ticktext=[f"<b>{name}</b>" for name in SCOPES],
-        showgrid=False,
-        fixedrange=True,
-        automargin=False,
-    )
-    return Panel(drawn, y, **{"title": "callbacks inside uros", **more})
-
-
 # Many runs
 
 
@@ -256,7 +185,7 @@ AXES = {"round_trip": "round trip [us]", "jitter": "mean jitter [us]", "loss": "
 LINES: dict[str, tuple[str, str, dict[str, Any]]] = {
     "three": ("three executors, Jazzy", BLUE, {}),
     "humble": ("three executors, Humble", ORANGE, {"timer_rule": "humble"}),
-    "one": ("one executor", VERMILION, {"executors": "one"}),
+    "one": ("one executor", GREEN, {"executors": "one"}),
 }
 
 
@@ -307,7 +236,9 @@ class RateCurves(Experiment[Rates]):
         lowest = min(min(rates) for rates in result.rate.values())
         y = axis("calls per second", range=[100 * ((min(900, lowest) - 20) // 100), 1030])
         return stack(
-            curves(lines, axis(AXES[self.over], range=[0, 1.03 * max(result.x)]), y, shapes=[_band(*REACHED)]), height=480
+            curves(lines, axis(AXES[self.over], range=[0, 1.03 * max(result.x)]), y, shapes=[_band(*REACHED)]),
+            height=480,
+            keys=[REACHED_KEY],
         )
 
     def metrics(self, result: Rates) -> list[Metric]:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -11,7 +12,7 @@ from typing_extensions import Doc
 
 from labkit.experiment import Experiment, Feedback, Labels, Metric, View
 from labkit.experiments.tick_rates import BAUDS, MS, Form, Rate, WhenFull, envelope, traced, window
-from labkit.figures import BLUE, GREY, ORANGE, SKY, VERMILION, History, Panel, Steps, axis, gantt, held, stack, steps
+from labkit.figures import BLUE, GREY, ORANGE, PURPLE, SKY, History, Steps, axis, gantt, stack, steps
 from labkit.robot import CPU_HZ, OnBlocks, Sink, build, lines
 from labkit.sink import link_load
 
@@ -100,17 +101,16 @@ class RingInMotion(Experiment[Motion]):
         times, fills = result.sink.curve()
         at, fill = envelope(times / MS, fills, low, high)
         capacity = Steps("capacity", np.array([low]), np.array([self.capacity]), GREY, "dot")
-        panels = [
-            Panel([_on_air(result.sink, low, high)], axis("chunk [bytes]"), height=1.0, left=110),
-            steps([Steps("bytes in the ring", at, fill, SKY), capacity], "fill [bytes]", high, height=1.2, left=110),
-            steps(_indices(result.sink, low, high), "index", high, height=1.2, left=110),
-        ]
-        for panel in panels:
-            panel.y.update(range=[0, 1.15 * held(self.capacity, coarse=True)], rangemode="normal", fixedrange=True)
+        bytes_ = steps([Steps("bytes in the ring", at, fill, SKY), capacity], "bytes", high, height=1.5, left=110)
+        indices = steps(_indices(result.sink, low, high), "index", high, height=1.1, left=110)
+        top = 1.12 * 2 ** math.ceil(math.log2(self.capacity))  # four heights in all while the slider moves
+        for panel in (bytes_, indices):
+            panel.y.update(range=[0, top], rangemode="normal", fixedrange=True)
         return stack(
-            gantt(result.history, ROWS, low, high, height=0.9),
-            *panels,
-            height=580,
+            gantt(result.history, ROWS, low, high, height=0.8),
+            replace(bytes_, traces=[_on_air(result.sink, low, high), *bytes_.traces]),
+            indices,
+            height=470,
             shared=axis("time [ms]", range=[low, high]),
             meta={"range": ("start", "end")},
         )
@@ -140,7 +140,7 @@ def _on_air(sink: Sink, low: float, high: float) -> dict[str, Any]:
         "width": (end - begin) / MS,
         "offset": 0,
         "y": size,
-        "name": "DMA",
+        "name": "sent by the DMA",
         "marker": {"color": ORANGE, "line": {"width": 1.5, "color": "white"}},
         "hovertemplate": "%{y} bytes from %{x:.3f} ms<extra></extra>",
     }
@@ -155,7 +155,7 @@ def _indices(sink: Sink, low: float, high: float) -> list[Steps]:
     change = np.diff(fills, prepend=0)
     written, read = np.cumsum(np.maximum(change, 0)), np.cumsum(np.maximum(-change, 0))
     drawn = []
-    for name, index, colour in (("write", written, BLUE), ("read", read, VERMILION)):
+    for name, index, colour in (("write", written, BLUE), ("read", read, PURPLE)):
         at, value = envelope(times / MS, index % sink.capacity, low, high)
         drawn.append(Steps(name, at, value, colour))
     return drawn

@@ -72,12 +72,12 @@ class TornFrame(Experiment[Heard]):
 
     def figure(self, result: Heard) -> dict[str, Any]:
         low, high = window(self.start, self.end, LENGTH)
-        x = axis("", range=[low, high])
+        x = axis("time [ms]", range=[low, high])
         return stack(
-            gantt(result.history, ROWS, low, high, height=1.1, x=x),
-            arriving(result.line, low, high, {**x, "matches": "x", "title": {"text": "time [ms]"}}),
+            gantt(result.history, ROWS, low, high, height=1.1, x={**x, "visible": False}),
+            arriving(result.line, low, high, {**x, "matches": "x"}),
             worst_read(result),
-            height=560,
+            height=470,
             keys=("ready",),
             meta={"range": ("start", "end")},
         )

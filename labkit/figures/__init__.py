@@ -46,6 +46,7 @@ from labkit.figures.style import (
     colours,
     held,
     key,
+    rows_axis,
 )
 from labkit.figures.tracks import Dots, Way, ellipse, tracks
 
@@ -112,6 +113,7 @@ __all__ = [
     "priorities",
     "reserve",
     "responses",
+    "rows_axis",
     "scanners",
     "sequence",
     "stack",

@@ -9,7 +9,7 @@ from zlib import crc32
 
 Spec = dict[str, Any]  # a part of a plotly figure, as plotly.js takes it
 
-BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY, YELLOW = (
+BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY, YELLOW, TEAL = (
     "#0072B2",
     "#D55E00",
     "#009E73",
@@ -17,9 +17,11 @@ BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY, YELLOW = (
     "#E69F00",
     "#56B4E9",
     "#F0E442",
+    "#0F4C5C",
 )
 INK, GREY, PALE, GRID = "#1f2328", "#8c959f", "#d8dee4", "#e6e9ec"
-PALETTE = (BLUE, ORANGE, GREEN, PURPLE, SKY, VERMILION, "#7A5195", "#8B5A2B", "#4D7C0F", "#B03060")
+#: Of what is named. Vermilion is not among them: it says that something went wrong, and nothing else in a schedule may.
+PALETTE = (BLUE, ORANGE, GREEN, PURPLE, SKY, TEAL, "#7A5195", "#8B5A2B", "#4D7C0F", "#B03060")
 
 #: Tasks that appear in more than one notebook keep their colour in all of them.
 TASK_COLOURS = {
@@ -44,7 +46,7 @@ TASK_COLOURS = {
     "p_ctrl": ORANGE,
     "hal_fetch": PURPLE,
     "tsink": SKY,
-    "profile": VERMILION,
+    "profile": TEAL,
     "recv_vel": "#7A5195",
     "uros": "#8B5A2B",
     "LMSInput": SKY,

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from labkit import FrameLab, TickRates
+from labkit import FrameLab, TickRates, TimingModel, explore
 from labkit.bench import plot
 from labkit.bench.controls import control
 from labkit.experiments import experiments
@@ -24,3 +24,12 @@ def test_no_control_has_a_class_that_means_something_else(cls):
     """A parameter `lost` would hide its bench: `.lab-lost` is the notice of a bench whose kernel is gone."""
     taken = set(re.findall(r"\blab-[a-z-]+", "".join(sheet.read_text(encoding="utf-8") for sheet in SHEETS)))
     assert not taken & {name for p in cls.parameters() for name in control(p, p.default)._dom_classes}
+
+
+def test_a_group_of_controls_has_a_heading_above_it():
+    bench = explore(TimingModel)
+    box, names = bench.children[0].children, {id(each): name for name, each in bench.controls.items()}
+    assert [names.get(id(each)) or each.value.upper() for each in box] == [
+        *("THE PROGRAM", "coldness", "passes", "insensitive"),
+        *("THE BOARD", "clock", "per_instruction", "overhead", "uncached_data", "data_fill"),
+    ]

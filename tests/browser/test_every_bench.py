@@ -72,8 +72,6 @@ PLACES = """bench => [...bench.querySelectorAll('.main-svg, .infolayer text')].m
     return [x, y, width, height] })"""
 WINDOWS = ((1920, 1080), (1366, 768), (1600, 900))  # the last is that of the other tests
 HEIGHT = 720  # px, at most, of a bench at its defaults
-#: Benches of many panels or controls that are still higher: to be divided, not to be squeezed.
-HIGHER = {"RingInMotion": 860, "TornFrame": 840, "MicroRosRate": 940}
 CARDS = """bench => [...bench.querySelectorAll('.lab-metric')].map(card => [...card.children].map(e => e.textContent))"""
 
 
@@ -175,7 +173,7 @@ def test_every_bench_draws_what_the_model_gives_and_fits(open_notebook, notebook
         settled(bench)
         start = experiment = experiment_of(bench)
         check(bench, start, notebook, faults)
-        if (height := bench.bounding_box()["height"]) > HIGHER.get(type(start).__name__, HEIGHT):
+        if (height := bench.bounding_box()["height"]) > HEIGHT:
             faults.append(f"{notebook}: {start.code()}: {height:.0f} px high")
         for parameter in start.parameters():
             if parameter.name not in experiment.without_effect():

@@ -3,6 +3,7 @@
 import pytest
 
 from labkit.experiments.micro_ros import REACHED, MicroRosRate, RateCurves, check_longer_is_faster, check_thousand
+from labkit.experiments.micro_ros_rounds import ExecutorRounds
 from labkit.experiments.micro_ros_tables import (
     FUNCTIONS,
     PublishedTables,
@@ -35,10 +36,30 @@ def test_published_numbers_stand_only_beside_the_settings_that_are_to_explain_th
     assert metrics["wheel rate"].published is None
 
 
-@pytest.mark.parametrize(("start", "end"), [(0, 0), (3000, 3000), (300, 100), (0, 3000), (100, 100.05)])
+@pytest.mark.parametrize(("start", "end"), [(0, 0), (1000, 1000), (300, 100), (0, 1000), (100, 100.05)])
 def test_any_two_positions_make_a_window(start, end):
-    low, high = MicroRosRate(seconds=1, start=start, end=end).window()
+    low, high = ExecutorRounds(start=start, end=end).window()
     assert 0 <= low < high <= 1001
+
+
+def test_the_rounds_are_those_of_the_rate():
+    experiment = ExecutorRounds()
+    result = experiment.run()
+    assert result.recording.rate == MicroRosRate(seconds=1).run().recording.rate
+    first = next(t for t in experiment.figure(result)["data"] if t.get("hovertemplate", "").startswith("w_ctrl<br>from"))
+    shown = {m.name: m.value for m in experiment.metrics(result)}
+    assert shown["calls of w_ctrl in the picture"] == ((first["base"] >= 137) & (first["base"] < 145)).sum() == 7
+
+
+def test_every_wait_that_could_block_ends_by_data_or_by_a_tick():
+    experiment = ExecutorRounds(start=100, end=110)
+    result = experiment.run()
+    drawn = {trace["name"]: trace["x"] for trace in experiment.figure(result)["data"] if trace.get("name")}
+    ticks, data = drawn["by a tick"], drawn["a wait ends by data"]
+    waits = result.recording.waits
+    time = waits[:, 2] * 1e3 / result.recording.trace.hz
+    assert len(ticks) + len(data) == ((waits[:, 0] > 0) & (time >= 100) & (time <= 110)).sum() > 15
+    assert max(ticks % 1) < 0.1 < max(data % 1)  # a tick comes when a millisecond is over, a message at any time
 
 
 def test_curves_guide_fits_loss_and_rate_is_not_monotone_in_the_round_trip():

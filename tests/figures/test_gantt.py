@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from labkit.figures.cursor import happening
 from labkit.figures.gantt import MOST, gantt
 from labkit.figures.history import BEYOND, EXCEPTION, MAIN, History
-from labkit.figures.style import colours
+from labkit.figures.style import MISS, TASK_COLOURS, colours
 from labkit.kernel import Costs, Kernel
 from labkit.scheduler.periodic import simulate
 from labkit.scheduler.tasksets import PeriodicTask, TaskPair
@@ -156,3 +156,10 @@ def test_never_more_than_the_marks_that_a_page_can_draw(trace, start, size):
     assert sum(len(t["x"]) for t in bars(panel)) <= MOST
     points = sum(len(t["x"]) for t in panel.traces if t["type"] == "scatter" and t["mode"] == "markers")
     assert points <= MOST
+
+
+def test_no_task_has_the_colour_of_a_miss():
+    given_out = set(TASK_COLOURS.values()) | set(colours(f"task {n} of many" for n in range(30)).values())
+    assert len(given_out) > 10 and MISS["color"] not in given_out
+    alone = {colours([f"t{n}"])[f"t{n}"] for n in range(200)}  # where nothing is taken yet, a name alone decides
+    assert MISS["color"] not in alone
