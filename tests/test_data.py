@@ -91,6 +91,23 @@ def test_activations_and_idle_are_what_the_errata_say():
     assert rates("FreeRTOS", "odometry", "pose_control") == [30.4, 30.4, 30.9, 31.2]
 
 
+def test_how_much_longer_the_recording_with_caches_is():
+    """By activations times period, of the clocks that are interrupted in neither recording; the README and notebook 02 say so."""
+    rows = {recording(row)[3]: {} for row in records("xu2025_runtime_stats.csv")}
+    for row in records("xu2025_runtime_stats.csv"):
+        if recording(row)[:3] == ("micro-ROS", "100", "50"):
+            rows[row["caches"]][row["name"]] = int(row["sum_us"]) / float(row["mean_us"])
+    for name, period, off, on in (("w_ctrl", 10, 1830, 1844), ("p_ctrl", 20, 915, 922)):
+        assert rows["off"][name] == pytest.approx(off, abs=0.1) and rows["on"][name] == pytest.approx(on, abs=0.1)
+        assert (on - off) * period == 140
+    assert rows["off"]["profile"] > 5 * 1830  # every 10 ms, too, and cut into stretches: no clock
+    words = " ".join((DATA / "README.md").read_text(encoding="utf-8").split())
+    assert "the longer one, by 140 ms, give or take a period" in words
+    assert "14 wheel callbacks of 10 ms more (1 844 to 1 830) and 7 pose callbacks of 20 ms more (922 to 915)" in words
+    notebook = (DATA.parent / "notebooks" / "02_cache_speedups.ipynb").read_text(encoding="utf-8")
+    assert "the *longer* one, by 140 ms" in notebook and "with caches is 140 ms longer" in notebook
+
+
 def test_windows_end_where_they_say_but_for_the_swapped_digits():
     rows = records("diplom_table5_windows.csv")
     ends = [int(row["deadline_from_period_start_ns"]) for row in rows]
