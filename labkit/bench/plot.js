@@ -37,6 +37,9 @@ const render = ({ model, el }) => {
     const more = make("details", "lab-more", el, { hidden: true });
     const count = make("summary", "", more);
     const others = make("div", "lab-others", more);
+    const account = make("details", "lab-more", el, { hidden: true });
+    make("summary", "", account, { textContent: "all of it in words and numbers" });
+    const told = make("pre", "lab-told", account);
 
     let shown = null, pinned = null, kept = [], large = false, width = 0, height = 0, drawing = false, waiting = false;
     let gone = false, asked = false, timer = 0, arrived = true, bench = null;
@@ -154,6 +157,8 @@ const render = ({ model, el }) => {
         const said = shown.figure.layout.meta?.says;
         says.hidden = said === undefined;
         put(says, said ?? "");
+        account.hidden = shown.figure.layout.meta?.told === undefined;
+        put(told, shown.figure.layout.meta?.told ?? "");
         transport.hidden = !shown.plays;
         for (const each of [back, play, forward]) each.ariaLabel = `${each.title}: ${shown.plays}`;
         const without = Object.entries(shown.idle);
