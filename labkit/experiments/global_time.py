@@ -145,7 +145,7 @@ class ClockSync(Experiment[SyncRun]):
             "",
             range=[0.4 - self.stations, -0.4],
             tickvals=[-i for i in slaves],
-            ticktext=[self._named(i) if self.stations <= 6 or i % 2 else "" for i in slaves],
+            ticktext=[self._named(i) if self.stations <= 4 or i % 2 else "" for i in slaves],
             showgrid=False,
             fixedrange=True,
         )
