@@ -50,6 +50,13 @@ class View:
 
 
 @dataclass(frozen=True)
+class OfAFile:
+    """Marks a text that names a file: a bench then has a place to drop one of at most `most` bytes."""
+
+    most: int
+
+
+@dataclass(frozen=True)
 class Group:
     """Begins a group of parameters: a bench writes this heading above the one so marked and those behind it."""
 
@@ -118,6 +125,7 @@ class Parameter:
     choices: tuple[Any, ...] = ()
     labels: Mapping[Any, str] | None = None
     max_length: int | None = None
+    most_bytes: int | None = None
     view: bool = False
     play: bool = False
     group: str = ""
@@ -160,6 +168,8 @@ def _parameter(name: str, field: Any) -> Parameter:
                 known["doc"] = item.documentation
             case Labels():
                 known["labels"] = item.text
+            case OfAFile():
+                known["most_bytes"] = item.most
             case Group():
                 known["group"] = item.heading
             case View():
@@ -285,7 +295,8 @@ class Experiment(BaseModel, Generic[R]):
         A trace whose points can be clicked carries `meta={"set": [...]}`, for each point the parameters that a click on it sets.
         A layout with `meta={"range": (first, last)}` names the two parameters that a zoom or pan of the x axis sets, one with
         `meta={"says": text}` has a sentence that stands above the picture: what happens at the step or time it shows; with
-        `"ended": True` beside it there is nothing more to play.
+        `"ended": True` beside it there is nothing more to play. One with `meta={"told": text}` has a page of text, folded away
+        below the picture.
         """
         raise NotImplementedError
 

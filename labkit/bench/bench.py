@@ -11,11 +11,13 @@ import time
 import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import ipywidgets as w
 
 from labkit.bench.controls import control, heading, on_grid
+from labkit.bench.drop import Drop
 from labkit.bench.plot import Plot, cards
 from labkit.bench.predict import questions_before
 from labkit.experiment import Experiment, Metric, Parameter, ParameterError, Superseded, progress_listener
@@ -83,11 +85,13 @@ class Bench(w.VBox):
             self._replace(show(experiment, experiment.run()))
 
     def _headed(self) -> Iterator[w.Widget]:
-        """The controls, and a heading above those of each group."""
+        """The controls, a heading above those of each group, and a place to drop a file below one that names a file."""
         for p in self._parameters:
             if p.group:
                 yield heading(p.group)
             yield self.controls[p.name]
+            if p.most_bytes is not None:
+                yield Drop(partial(setattr, self.controls[p.name], "value"), p.most_bytes)
 
     @property
     def experiment(self) -> Experiment[Any]:

@@ -61,13 +61,13 @@ const render = ({ model, el }) => {
     const ours = (event) => event.dataTransfer?.types.includes("Files") && el.closest(".lab-bench")?.contains(event.target);
     const over = (event) => {
         const here = ours(event);
-        el.classList.toggle("lab-over", !!here && event.type !== "drop");
+        el.classList.toggle("lab-drop-here", !!here && event.type !== "drop");
         if (!here) return;
         event.preventDefault();
         event.stopPropagation();
         if (event.type === "drop") give(event.dataTransfer.files);
     };
-    const left = (event) => { if (!event.relatedTarget) el.classList.remove("lab-over"); };
+    const left = (event) => { if (!event.relatedTarget) el.classList.remove("lab-drop-here"); };
     for (const name of ["dragover", "drop"]) window.addEventListener(name, over, true);
     window.addEventListener("dragleave", left, true);
 

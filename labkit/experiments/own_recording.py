@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
@@ -11,13 +11,13 @@ from annotated_types import Interval, MaxLen, MultipleOf, Unit
 from typing_extensions import Doc
 
 from labkit.data import published
-from labkit.experiment import Experiment, Metric, View
+from labkit.experiment import Experiment, Metric, OfAFile, View
 from labkit.figures import History, axis, gantt, stack
-from labkit.trace import Report, read_recording
+from labkit.trace import MOST_BYTES, Report, describe, read_recording, statistics
 
 EXCERPT = "xu2025_trace_unordered.log"
 ROWS = 10  # tasks in the picture: those that ran longest
-LONGEST = 60_000  # ms that the edges can be set to; the right one, there, means the end of the recording
+LONGEST = 3_600_000  # ms that the edges can be set to; the right one, there, means the end of the recording
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,11 +28,13 @@ class Recorded:
         history: who ran when.
         report: what its reader found and mended.
         ran: name -> its time on the CPU in ms, the longest first, the idle task last.
+        told: what the reader found line by line, and the statistics of every name, as text.
     """
 
     history: History
     report: Report
     ran: dict[str, float]
+    told: str
 
     @property
     def length(self) -> float:
@@ -45,35 +47,39 @@ class Recorded:
         r = self.report
         counts = f"{r.moved_lines} out of order, {r.repaired} repaired, {r.rejected} left out"
         first = "".join(f" First: {problem}." for problem in r.problems[:1])
-        return f"{Path(r.source).name}, read as {r.format}: {r.lines} lines, {counts}.{first}"
+        return f"{r.source}, read as {r.format}: {r.lines} lines, {counts}.{first}"
 
 
 class OwnRecording(Experiment[Recorded]):
     """What did your board do?
 
     The timeline of a recording: a log of stamps, the lab's own CSV, JSON of Perfetto, BTF, or Linux's ftrace as text. Drop the
-    file into the list of files at the left and write its name here. Zoom with the mouse; a double click shows all of it.
+    file on the bench or write its name. Drag over the picture to zoom in, along the time axis to move; a double click shows all.
     """
 
     headline: ClassVar[tuple[str, ...]] = ("recorded", "stretches", "lines repaired or left out")
 
-    file: Annotated[str, MaxLen(300), Doc("name or path of the recording; nothing: the excerpt published in source 1")] = ""
-    start: Annotated[float, Interval(ge=0, le=LONGEST), MultipleOf(0.01), Unit("ms"), View(), Doc("left edge of the picture")] = (
-        0.0
-    )
-    end: Annotated[float, Interval(ge=0, le=LONGEST), MultipleOf(0.01), Unit("ms"), View(), Doc("right edge of the picture")] = (
+    file: Annotated[
+        str, MaxLen(300), OfAFile(MOST_BYTES), Doc("name or path of the recording; nothing: the excerpt published in source 1")
+    ] = ""
+    start: Annotated[
+        float, Interval(ge=0, le=LONGEST), MultipleOf(0.001), Unit("ms"), View(), Doc("left edge of the picture")
+    ] = 0.0
+    end: Annotated[float, Interval(ge=0, le=LONGEST), MultipleOf(0.001), Unit("ms"), View(), Doc("right edge of the picture")] = (
         float(LONGEST)
     )
 
     def run(self) -> Recorded:
         """Read the file; of several cores the first. Raises LogError, a sentence, where there is nothing to read."""
         trace, report = read_recording(Path(self.file.strip()) if self.file.strip() else published(EXCERPT))
+        report = replace(report, source=Path(report.source).name)
         history = History(next(iter(trace.cores().values())))
         found = history.occupancy
         busy = np.diff(found.busy[found.first]) * (1e3 / history.trace.hz)
         busiest = [i for i in np.argsort(-busy, kind="stable").tolist() if busy[i] > 0]
         ran = {history.trace.names[i]: float(busy[i]) for i in busiest}
-        return Recorded(history, report, dict(sorted(ran.items(), key=lambda item: item[0] == "IDLE")))
+        told = f"{report}\n\n{describe(statistics(trace))}"
+        return Recorded(history, report, dict(sorted(ran.items(), key=lambda item: item[0] == "IDLE")), told)
 
     def figure(self, result: Recorded) -> dict[str, Any]:
         right = result.length if self.end >= LONGEST else min(self.end, result.length)
@@ -86,7 +92,7 @@ class OwnRecording(Experiment[Recorded]):
             height=130 + 32 * max(len(rows), 4),
             shared=axis("time [ms]", range=[low, high]),
             keys=("release", "deadline", "missed"),
-            meta={"range": ("start", "end"), "says": result.says()},
+            meta={"range": ("start", "end"), "says": result.says(), "told": result.told},
         )
 
     def metrics(self, result: Recorded) -> list[Metric]:

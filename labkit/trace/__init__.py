@@ -10,6 +10,7 @@ from labkit.trace.readers.files import export_csv, export_npz, read_csv, read_np
 from labkit.trace.readers.log import read_log
 from labkit.trace.readers.recording import read_recording
 from labkit.trace.readers.report import LogError, Problem, Report
+from labkit.trace.readers.source import MOST_BYTES
 from labkit.trace.spans import spans
 from labkit.trace.statistics import describe, statistics
 from labkit.trace.trace import COLUMNS, Trace
@@ -21,6 +22,7 @@ __all__ = [
     "ISR_OPS",
     "KINDS",
     "MAIN",
+    "MOST_BYTES",
     "NOTIFY_ACTIONS",
     "OVERHEADS",
     "PARTS",

@@ -1,0 +1,82 @@
+"""Notebook 00 in the browser: a recording is dropped or chosen, zoomed, refused; a long one comes in pieces."""
+
+import pytest
+from playwright.sync_api import expect
+
+from labkit.data import example
+
+pytestmark = pytest.mark.browser
+
+#: What happens when a file is let go over an element.
+DROP = """(element, [name, text]) => {
+    const dataTransfer = new DataTransfer();
+    dataTransfer.items.add(new File([text], name));
+    for (const kind of ['dragover', 'drop']) {
+        element.dispatchEvent(new DragEvent(kind, { dataTransfer, bubbles: true, cancelable: true }));
+    }
+}"""
+#: A drag over a file that shows where it may be let go.
+OVER = DROP.replace(", 'drop'", "")
+#: A log of `size` bytes, made in the page, chosen in a file field.
+CHOOSE = """(field, [name, size]) => {
+    const line = (i) => `busy ${i * 10} 1\\nbusy ${i * 10 + 7} 0\\n`;
+    const piece = Array.from({ length: 1000 }, (_, i) => line(i)).join('');
+    const lines = Array(Math.ceil(size / piece.length)).fill(piece.replace(/^busy/gm, '# a comment: busy'));
+    const dataTransfer = new DataTransfer();
+    dataTransfer.items.add(new File([piece, ...lines], name));
+    field.files = dataTransfer.files;
+    field.dispatchEvent(new Event('change'));
+}"""
+RANGE = "figure => figure.layout.xaxis.range"
+
+
+def test_a_recording_of_ones_own(open_notebook):
+    nb = open_notebook("00_start_here.ipynb")
+    nb.run_all()
+    bench, figure = nb.page.locator(".lab-bench").nth(1), nb.figure(1)
+    strip, line, says = bench.locator(".lab-drop"), bench.locator(".lab-code"), bench.locator(".lab-says")
+    bench.scroll_into_view_if_needed()
+    expect(strip).to_contain_text("at most 256 MiB")
+    nb.screenshot("00_own_recording")
+
+    btf = example("board.btf").read_text()
+    figure.evaluate(OVER, ["board.btf", btf])
+    expect(strip).to_contain_class("lab-drop-here")
+    nb.screenshot("00_over")
+    figure.evaluate(DROP, ["board.btf", btf])  # onto the picture
+    expect(line).to_have_text("OwnRecording(file='dropped/board.btf')")
+    expect(strip).not_to_contain_class("lab-drop-here")
+    expect(strip).to_contain_text("kept as dropped/board.btf")
+    expect(says).to_contain_text("board.btf, read as BTF")
+    expect(figure).to_contain_text("logger")
+    bench.locator("summary", has_text="all of it").click()
+    expect(bench.locator(".lab-told")).to_contain_text("percentiles are observed values")
+    bench.scroll_into_view_if_needed()
+    nb.screenshot("00_dropped")
+
+    box = figure.locator(".nsewdrag").first.bounding_box()
+    nb.page.mouse.move(box["x"] + 0.25 * box["width"], box["y"] + 20)
+    nb.page.mouse.down()
+    nb.page.mouse.move(box["x"] + 0.5 * box["width"], box["y"] + 20, steps=5)
+    nb.page.mouse.up()
+    expect(line).to_contain_text("start=")
+    low, high = figure.evaluate(RANGE)
+    assert low == pytest.approx(50, abs=2) and high == pytest.approx(100, abs=2)
+    axis = figure.locator(".ewdrag").first.bounding_box()
+    nb.page.mouse.move(axis["x"] + 0.5 * axis["width"], axis["y"] + 5)
+    nb.page.mouse.down()
+    nb.page.mouse.move(axis["x"] + 0.25 * axis["width"], axis["y"] + 5, steps=5)
+    nb.page.mouse.up()
+    nb.page.wait_for_function("low => document.querySelectorAll('.js-plotly-plot')[1].layout.xaxis.range[0] > low + 5", arg=low)
+    assert figure.evaluate(RANGE)[1] - figure.evaluate(RANGE)[0] == pytest.approx(high - low, abs=0.01)
+
+    figure.evaluate(DROP, ["picture.png", "\\u0089PNG"])
+    expect(bench.locator(".lab-error")).to_contain_text("picture.png")
+    strip.locator("input").set_input_files(example("board.log"))
+    expect(line).to_contain_text("dropped/board.log")
+    expect(bench.locator(".lab-error")).to_have_count(0)
+
+    strip.locator("input").evaluate(CHOOSE, ["long.log", 52 << 20])
+    expect(line).to_contain_text("dropped/long.log", timeout=120_000)
+    expect(says).to_contain_text("long.log, read as log")
+    expect(bench.locator(".lab-bar .lab-metric").nth(1)).to_contain_text("1\u202f000")  # runs
