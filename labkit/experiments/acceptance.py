@@ -11,7 +11,7 @@ from typing_extensions import Doc
 
 from labkit.experiment import Experiment, Feedback, Metric, progress
 from labkit.experiments.answers import refused
-from labkit.figures import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, VERMILION, Curve, axis, curves, reserve, stack
+from labkit.figures import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, SKY, Curve, axis, curves, reserve, stack
 from labkit.phases import BELOW_NS, LONGEST_NS, MS, SHARE, contour_model
 from labkit.scheduler import (
     PeriodicTask,
@@ -137,7 +137,7 @@ def check_expected_time(answer: ExpectedTime) -> Feedback:
 TESTS = {  # colour and dash of each curve
     "RM, Liu-Layland": (ORANGE, "dot"),
     "RM, hyperbolic": (PURPLE, "dash"),
-    "RM, exact": (VERMILION, "solid"),
+    "RM, exact": (SKY, "solid"),
     "EDF, exact": (BLUE, "solid"),
     "TAFT, safe test": (GREEN, "solid"),
     "TAFT, sum (not safe)": (GREY, "dash"),

@@ -26,7 +26,7 @@ from labkit.cache import (
 from labkit.checks import shown
 from labkit.experiment import Experiment, Feedback, Labels, Metric, View, progress
 from labkit.experiments.answers import refused
-from labkit.figures import BLUE, FONT, INK, ORANGE, SKY, VERMILION, Curve, Panel, axis, cache_map, curves, held, stack
+from labkit.figures import BLUE, FONT, GREEN, INK, ORANGE, SKY, VERMILION, Curve, Panel, axis, cache_map, curves, held, stack
 
 LINE = 32  # bytes, of the Cortex-M7
 POLICIES = {
@@ -190,7 +190,7 @@ class MissRates(Experiment[dict[str, list[float | None]]]):
         kib = [[str(v) if v < 1024 else f"{v // 1024}K" for v in values] for values in (SIZES, STRIDES)]
         drawn = (
             ("size", SIZES, kib[0], "size of the cache [bytes]", BLUE),
-            ("ways", WAYS, [str(w) for w in WAYS], "lines per set (ways)", VERMILION),
+            ("ways", WAYS, [str(w) for w in WAYS], "lines per set (ways)", GREEN),
             ("stride", STRIDES, kib[1], "stride [bytes]", ORANGE),
         )
         panels = []

@@ -21,8 +21,8 @@ from labkit.figures import (
     INK,
     ORANGE,
     PALE,
+    PURPLE,
     SKY,
-    VERMILION,
     Bar,
     Curve,
     Factor,
@@ -37,7 +37,7 @@ from labkit.figures import (
 
 MHZ = 1_000_000
 CLOCK = 216  # MHz, of the board of source 1
-PARTS = {"compute": SKY, "waiting for code": VERMILION, "waiting for data": ORANGE, "no cache can change": PALE}
+PARTS = {"compute": SKY, "waiting for code": PURPLE, "waiting for data": ORANGE, "no cache can change": PALE}
 INSTRUCTIONS = 100_000  # of the program that TimingModel prices
 FETCHES_PER_100 = 48  # 64-bit reads of code per 100 instructions, an assumption: Thumb-2 instructions have 16 or 32 bits
 DATA_PER_INSTRUCTION = 0.3  # loads and stores, an assumption

@@ -9,6 +9,7 @@ from typing import Any
 
 from labkit.figures.panel import Panel, stack
 from labkit.figures.style import (
+    BLUE,
     FONT,
     GREY,
     INK,
@@ -176,7 +177,7 @@ def factors(rows: Sequence[Factor], x: Spec, guess: str = "", line: float | None
         "hovertemplate": f"{guess}: %{{x:.2f}}×<extra></extra>",
     }
     measured = [(v, -i) for i, r in enumerate(rows) for v in r.measured]
-    marks = [(1.0, GREY, 1.5, "dot"), *([] if line is None else [(line, VERMILION, 4, "solid")])]
+    marks = [(1.0, GREY, 1.5, "dot"), *([] if line is None else [(line, BLUE, 4, "solid")])]
     shapes = [
         {"type": "line", "yref": "y domain", "x0": at, "x1": at, "y0": 0, "y1": 1, "line": {"color": c, "width": w, "dash": d}}
         for at, c, w, d in marks

@@ -14,19 +14,20 @@ from labkit.figures.style import (
     CROSSED,
     DEADLINE,
     FONT,
-    GREEN,
     INK,
-    ORANGE,
+    OUTLINED,
     PUBLISHED,
     VERMILION,
     Spec,
     axis,
     held,
     key,
+    pale,
     rows_axis,
 )
 
-EXPECTED: Spec = {"color": VERMILION, "width": 4, "dash": "dash"}
+EXPECTED: Spec = {"color": INK, "width": 3, "dash": "dash"}
+EXCEPTIONS: Spec = {"color": BLUE, "pattern": CROSSED, "line": OUTLINED}
 PERIOD: Spec = {"color": INK, "width": 4}
 
 
@@ -96,7 +97,8 @@ def reserve(
         "published (source 2)",
         key("ECET", type="scatter", mode="lines", line=EXPECTED),
         key("main parts", type="bar", marker={"color": BLUE}),
-        key("exception parts", type="bar", marker={"color": GREEN, "pattern": CROSSED}),
+        "beyond ECET",
+        key("exception parts", type="bar", marker=EXCEPTIONS),
         key("period", type="scatter", mode="lines", line=PERIOD),
     )
     return stack([_run_times(times, longest, expected, published), _needs(needs, period, most)], height=height, keys=keys)
@@ -114,7 +116,7 @@ def _run_times(times: np.ndarray, longest: float, expected: float, published: tu
             "y": count,
             "width": 5.0,
             "showlegend": False,
-            "marker": {"color": [BLUE if m <= expected else ORANGE for m in middle], "line": {"color": "white", "width": 1}},
+            "marker": {"color": [BLUE if m <= expected else pale(BLUE) for m in middle], "line": {"color": "white", "width": 1}},
             "hovertemplate": "about %{x} ms: %{y:.1f} % of the jobs<extra></extra>",
         },
         {
@@ -148,7 +150,7 @@ def _needs(needs: Sequence[tuple[str, Sequence[float]]], period: float, most: fl
     main, exception = zip(*(parts for _, parts in needs), strict=True)
     drawn = [
         _bars(main, at, 0.55, {"color": BLUE}, "main parts"),
-        _bars(exception, at, 0.55, {"color": GREEN, "pattern": CROSSED}, "exception parts") | {"base": main},
+        _bars(exception, at, 0.55, EXCEPTIONS, "exception parts") | {"base": main},
         _text(
             [max(total, period) for total in totals],
             at,

@@ -207,7 +207,7 @@ def activity_stack(
         title: above the stack.
     """
     colour = colours(granted)
-    layers = [(short(name), colour[name], ms) for name, ms in granted.items()] + [("exception parts", VERMILION, exceptions)]
+    layers = [(short(name), colour[name], ms) for name, ms in granted.items()] + [("exception parts", INK, exceptions)]
     drawn: list[Spec] = [
         {
             "type": "scatter",
@@ -222,7 +222,7 @@ def activity_stack(
         }
         for name, paint, ms in layers
     ]
-    tick: Spec = {"symbol": "line-ns", "size": 10, "line": {"width": 2, "color": VERMILION}, "color": VERMILION}
+    tick: Spec = {"symbol": "line-ns", "size": 10, "line": {"width": 2, "color": INK}, "color": INK}
     drawn.append(
         {
             "type": "scatter",
@@ -262,14 +262,6 @@ def _margins(groups: Mapping[str, np.ndarray]) -> Panel:
                 "hovertemplate": f"{words}: %{{y:.1f}} % of the jobs have about %{{x}} ms left<extra></extra>",
             }
         )
-    line: Spec = {
-        "type": "line",
-        "yref": "y domain",
-        "x0": 0,
-        "x1": 0,
-        "y0": 0,
-        "y1": 1,
-        "line": {"color": VERMILION, "width": 3},
-    }
+    line: Spec = {"type": "line", "yref": "y domain", "x0": 0, "x1": 0, "y0": 0, "y1": 1, "line": {"color": INK, "width": 3}}
     x = axis("time left [ms]", range=[MARGINS[0], MARGINS[-1]])
     return Panel(drawn, axis("share of the jobs [%]", range=[0, 104]), x, [line], title="Left before the deadline", left=110)
