@@ -55,6 +55,8 @@ class Smoother:
         self.velocity: Velocity = (0.0, 0.0, 0.0)
 
     def step(self, wanted: Velocity) -> Velocity:
+        if wanted == self.velocity:
+            return wanted
         most = SMOOTHING * TOP_RIM
         x, y, omega = self.velocity
         self.velocity = (

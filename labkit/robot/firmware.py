@@ -230,9 +230,10 @@ def control_tasks(board: Board) -> dict[str, Callable[[Any], Any]]:
                 while channel == "queue" and got is not None:
                     got = yield fetch
                     turned = turned if got is None else added(turned, got)
-            dx, dy, turn, _ = body_velocity(turned)
-            board.pose = moved(board.pose, dx, dy, turn)
-            board.seen += (dx * dx + dy * dy) ** 0.5
+            if turned != STILL:
+                dx, dy, turn, _ = body_velocity(turned)
+                board.pose = moved(board.pose, dx, dy, turn)
+                board.seen += (dx * dx + dy * dy) ** 0.5
             yield cycles
             yield os.overwrite(poses, board.pose)
             if not (yield pause):
@@ -244,12 +245,15 @@ def control_tasks(board: Board) -> dict[str, Callable[[Any], Any]]:
         cycles, pause = work["pose_ctrl"], os.delay_until(period["pose_ctrl"])
         set_point, locate = os.receive(set_points, 0), os.receive(poses, 0)
         wanted, pose = (0.0, 0.0, 0.0), board.pose
+        asked, speeds = wanted, STILL
         while True:
             wanted = (yield set_point) or wanted
             pose = (yield locate) or pose
-            vx, vy, omega = controller.command(smoother.step(wanted), pose)
+            velocity = controller.command(smoother.step(wanted), pose)
+            if velocity != asked:  # at 10 kHz it mostly is the same
+                asked, speeds = velocity, wheel_speeds(*velocity)
             yield cycles
-            yield os.overwrite(wheels, wheel_speeds(vx, vy, omega))
+            yield os.overwrite(wheels, speeds)
             if not (yield pause):
                 late["pose_ctrl"] += 1
 
@@ -257,12 +261,16 @@ def control_tasks(board: Board) -> dict[str, Callable[[Any], Any]]:
         controller = WheelController(seconds["wheel_ctrl"], firmware.wheel_control, firmware.wheel_gain)
         cycles, pause = work["wheel_ctrl"], os.delay_until(period["wheel_ctrl"])
         fetch, set_point = os.receive(enc_wheel, 0), os.receive(wheels, 0)
-        turned = wanted = STILL
+        turned = wanted = asked = STILL
+        duty = duties(STILL)
         while True:
             turned = (yield fetch) or turned
             wanted = (yield set_point) or wanted
             yield cycles
-            plant.drive(os.now, duties(controller.command(wanted, turned)))
+            command = controller.command(wanted, turned)
+            if command != asked:
+                asked, duty = command, duties(command)
+            plant.drive(os.now, duty)
             if not (yield pause):
                 late["wheel_ctrl"] += 1
 

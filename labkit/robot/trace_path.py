@@ -32,6 +32,7 @@ from labkit.trace import CODE, Trace
 SWITCH = CODE["switch"]
 COPY = 4  # cycles per byte written into the ring, under the mutex; the rest of a line's cost is its formatting
 Body = Callable[[Any], Any]
+TENS = 10 ** np.arange(1, 19)
 FIXED = {"record": 8, "word": 4}  # bytes of a stamp; a text line depends on its name and time
 
 
@@ -175,7 +176,7 @@ def lines(trace: Trace, first: int, form: str, button: Button | None = None) -> 
     if form in FIXED:
         return np.full(2 * len(rows), FIXED[form])
     names = np.array([*map(len, trace.names), 0])
-    digits = np.char.str_len(((trace.time[rows] - zero) * 1_000_000 // trace.hz).astype(str)) if len(rows) else rows
+    digits = 1 + np.searchsorted(TENS, (trace.time[rows] - zero) * 1_000_000 // trace.hz, side="right")
     both = np.stack([names[trace.other[rows]], names[trace.task[rows]]], axis=1)
     return (both + (digits + 4)[:, None]).ravel()
 

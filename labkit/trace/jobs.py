@@ -206,7 +206,8 @@ def outside(start: np.ndarray, end: np.ndarray, cut_start: np.ndarray, cut_end: 
     Returns:
         (index of the interval, start, end) of each piece left, in order.
     """
-    edges = np.unique(np.concatenate([start, end, cut_start, cut_end]))
+    edges = np.sort(np.concatenate([start, end, cut_start, cut_end]), kind="stable")  # runs in order: a merge, and no np.unique
+    edges = edges[np.diff(edges, prepend=edges[:1] - 1) > 0]
     left, right = edges[:-1], edges[1:]
     owner = np.searchsorted(start, left, side="right") - 1
     cut = np.searchsorted(cut_start, left, side="right") - 1
