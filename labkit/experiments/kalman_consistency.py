@@ -11,7 +11,7 @@ from typing_extensions import Doc
 
 from labkit.experiment import Experiment, Labels, Metric
 from labkit.experiments.kalman_fusion import Density
-from labkit.figures import BLUE, GREY, VERMILION, Curve, axis, curves, held, stack
+from labkit.figures import BLUE, GREY, ORANGE, Curve, axis, curves, held, stack
 from labkit.fusion import FilterKind, claimed_and_real, consistency_band, expected_nees, normalised_squares, sampled_errors
 
 RUNS, INTERVAL, SIGMA = 50, 0.165, 0.03  # runs behind the average NEES; s between measurements; m
@@ -68,7 +68,7 @@ class ClaimedError(Experiment[Honesty]):
         some = np.unique(np.linspace(0, self.steps, 41).astype(int))
         steps = some.tolist()
         drawn, honest = [], []
-        both: tuple[tuple[FilterKind, str], ...] = (("textbook", BLUE), (self.filter, VERMILION))
+        both: tuple[tuple[FilterKind, str], ...] = (("textbook", BLUE), (self.filter, ORANGE))
         for kind, colour in both:
             name = "textbook" if kind == "textbook" and colour == BLUE else f"chosen: {kind}"
             drawn.append(Curve(f"{name}, real", steps, result.error(kind)[some].tolist(), colour))

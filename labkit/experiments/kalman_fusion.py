@@ -11,7 +11,7 @@ from annotated_types import Interval, MultipleOf, Unit
 from typing_extensions import Doc
 
 from labkit.experiment import Experiment, Feedback, Labels, Metric, View
-from labkit.figures import BLUE, GREEN, GREY, INK, ORANGE, PALE, VERMILION, Curve, Dots, Way, axis, curves, stack, tracks
+from labkit.figures import BLUE, GREEN, GREY, INK, ORANGE, PALE, PURPLE, Curve, Dots, Way, axis, curves, stack, tracks
 from labkit.fusion import (
     COURSES,
     MOTIONS,
@@ -142,7 +142,7 @@ class TwoStations(Experiment[Fused]):
                 Way("filter, 95 %", result.positions[0, near] - centre, BLUE, covariances=_discs(result.variances[near])),
             ],
             [
-                Dots("station A", looks.z[0, near & (looks.station == 0)] - centre, VERMILION, "square"),
+                Dots("station A", looks.z[0, near & (looks.station == 0)] - centre, PURPLE, "square"),
                 Dots("station B", looks.z[0, near & (looks.station == 1)] - centre, GREEN, "diamond", 11),
                 Dots("element now", np.zeros(1, complex), INK, "star", 17),
                 Dots(
