@@ -71,6 +71,19 @@ def test_a_window_shows_only_what_is_in_it():
     assert low < high <= beyond.run().length
 
 
+def test_what_was_found_is_told_and_a_zoom_that_ends_early_too(tmp_path):
+    (tmp_path / "long.log").write_text(
+        "a 0 1\na 400000000 0\nnoise\na 899000000 1\na 899000001 0\na 900000500 1\na 900001000 0\n"
+    )
+    long = OwnRecording(file=str(tmp_path / "long.log"))
+    meta = long.figure(long.run())["layout"]["meta"]
+    assert (
+        meta["says"].endswith("Zoom reaches its first 15 minutes.") and "long.log: 7 lines, 6 stamps, 1 rejected" in meta["told"]
+    )
+    assert "line 3: " in meta["told"] and "count" in meta["told"] and str(tmp_path) not in meta["told"]
+    assert "Zoom" not in OwnRecording().run().says()
+
+
 @pytest.mark.parametrize("file", ["no such file", ".", "\0"])
 def test_a_file_that_cannot_be_read_is_a_sentence(file):
     with pytest.raises(LogError, match="cannot be read"):
