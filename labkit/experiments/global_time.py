@@ -9,7 +9,7 @@ from annotated_types import Interval, MultipleOf, Unit
 from typing_extensions import Doc
 
 from labkit.experiment import Experiment, Feedback, Labels, Metric, progress
-from labkit.figures import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, SKY, VERMILION, YELLOW, Panel, axis, held, stack
+from labkit.figures import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, SKY, SMALL, VERMILION, YELLOW, Panel, axis, held, stack
 from labkit.network import MODES, Clock, GilbertElliott, Member, Mode, Rule, SyncRun, precision_bound, synchronise
 
 US, MS, S = 1_000, 1_000_000, 1_000_000_000
@@ -112,7 +112,7 @@ class ClockSync(Experiment[SyncRun]):
                 title="Largest difference of any two",
                 left=104,
             ),
-            Panel([self._lost(result)], self._rows(), height=0.15 + 0.12 * self.stations, left=104),
+            Panel([self._lost(result)], self._rows(), height=0.3 + 0.12 * self.stations, left=104),
             height=428,
             shared=axis("true time [s]", range=[0, self.seconds]),
         )
@@ -146,6 +146,7 @@ class ClockSync(Experiment[SyncRun]):
             range=[0.4 - self.stations, -0.4],
             tickvals=[-i for i in slaves],
             ticktext=[self._named(i) if self.stations <= 4 or i % 2 else "" for i in slaves],
+            tickfont={"size": SMALL},
             showgrid=False,
             fixedrange=True,
         )
