@@ -123,9 +123,11 @@ class OneLoss(Experiment[tuple[Turn, ...]]):
     def metrics(self, result: tuple[Turn, ...]) -> list[Metric]:
         when = [turn.slot + 1 for turn in result for _ in turn.delivered]
         least = self.stations  # without a loss the last acknowledgement comes in the last slot of the first round
-        complete = len(when) == self.stations
-        why = "" if complete else "not all deliver it"
+        over = self.step >= len(to_the_end(*story(result, self.stations))[0])  # no card knows how a story ends
+        complete = over and len(when) == self.stations
+        why = "" if complete else "not all deliver it" if over else "at the end of the story"
         sent = [turn for turn in result if turn.said.packet is not None]
+        left = {i for turn in result for i in turn.left}
         return [
             Metric(
                 "delivered by all after",
@@ -135,8 +137,8 @@ class OneLoss(Experiment[tuple[Turn, ...]]):
                 note=why or "after it was offered first",
             ),
             Metric("cost", max(when) - least if complete else None, "slots", note=why or "against nothing lost"),
-            Metric("times sent", len(sent)),
-            Metric("left the group", len({i for turn in result for i in turn.left}), "stations"),
+            Metric("times sent", len(sent) if over else None, note="" if over else why),
+            Metric("left the group", len(left) if over else None, "stations", note="" if over else why),
         ]
 
 

@@ -152,3 +152,8 @@ def test_the_cells_of_the_exercises_are_not_solved_yet():
     calls = [line for line in code if line.startswith("check_")]
     names = {name: getattr(lab, name) for call in calls for name in re.findall(r"\b(?:check_\w+|[A-Z]\w+)\b", call)}
     assert len(calls) == 4 and not any(eval(call, names).solved for call in calls)
+
+
+def test_no_card_of_one_loss_knows_the_end_before_it():
+    end = steps_of(OneLoss())
+    assert set(OneLoss(step=end - 1).values().values()) == {None} and None not in OneLoss(step=end).values().values()
