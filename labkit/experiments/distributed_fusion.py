@@ -97,7 +97,7 @@ class DistributedFusion(Experiment[LaserTeam]):
         ]
         across = axis("period", range=[-1, PERIODS])
         return stack(
-            Panel([*bars, taken], y, x, title="Windows on the global clock", height=0.8, left=96),
+            Panel([*bars, taken], y, x, title="Windows on the global clock", above=46, height=0.8, left=96),
             Panel(
                 drawn,
                 axis("apart [ms]", range=[-5, MOST_APART + 10]),
@@ -106,7 +106,7 @@ class DistributedFusion(Experiment[LaserTeam]):
                 height=1.2,
                 left=96,
             ),
-            height=420,
+            height=436,  # the legend has three lines
         )
 
     def metrics(self, result: LaserTeam) -> list[Metric]:
