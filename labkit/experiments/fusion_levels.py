@@ -187,7 +187,7 @@ class FusionLevels(Experiment[Team]):
             "meta": {"set": [{"level": level} for level in LEVELS]},
         }
         up = axis("", range=[0.6 - len(LEVELS), 0.6], tickvals=[-i for i in range(len(LEVELS))], ticktext=names, showgrid=False)
-        return Panel([trace], up, axis(name, range=[0, end], nticks=4), width=0.7, left=96 if first else 22)
+        return Panel([trace], up, axis(name, range=[0, end], nticks=3), width=0.7, left=96 if first else 22)
 
     def metrics(self, result: Team) -> list[Metric]:
         one, verdict = result.fusions[self.level], result.verdicts[self.level]
