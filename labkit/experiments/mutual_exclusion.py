@@ -12,7 +12,7 @@ from typing_extensions import Doc
 
 from labkit.experiment import Experiment, Metric, View
 from labkit.experiments.contest import KEYS, Contest
-from labkit.figures import VERMILION, Panel, axis, gantt, held, key, lock_keys, stack
+from labkit.figures import INK, Panel, axis, gantt, held, key, lock_keys, stack
 from labkit.kernel import Kernel, Run
 from labkit.scheduler import CriticalSection, HeldSection, PeriodicTask, blocking_bounds, response_times
 
@@ -25,8 +25,8 @@ WAYS = {
 BASE = {"H": 3, "S": 2, "L": 1}
 L_BEFORE, L_AFTER, H_WORK, S_INSIDE = 500, 1000, 1000, 1000  # us
 
-COMES: dict[str, Any] = {"symbol": "triangle-down", "size": 13, "color": VERMILION}
-SERVED: dict[str, Any] = {"symbol": "triangle-down-open", "size": 13, "color": VERMILION, "line": {"width": 2.5}}
+COMES: dict[str, Any] = {"symbol": "triangle-down", "size": 13, "color": INK}
+SERVED: dict[str, Any] = {"symbol": "triangle-down-open", "size": 13, "color": INK, "line": {"width": 2.5}}
 
 
 @dataclass(frozen=True)

@@ -28,8 +28,8 @@ BY = {
 ROWS = {"wheel_ctrl": "wheel_ctrl", "TIMER": "timer task", "report": "report"}
 KEYS = ("ready", "waits for lock, queue, signal")
 LATEST = 20  # ms: end of the axis
-DUE: dict[str, Any] = {"symbol": "triangle-down", "colour": VERMILION}
-CALLED: dict[str, Any] = {"symbol": "triangle-down-open", "colour": VERMILION}
+DUE: dict[str, Any] = {"symbol": "triangle-down", "colour": INK}
+CALLED: dict[str, Any] = {"symbol": "triangle-down-open", "colour": INK}
 
 
 @dataclass(frozen=True)
