@@ -6,6 +6,7 @@ of one experiment, which share its run; the rest goes anywhere.
 """
 
 import os
+import re
 
 import hypothesis
 import pytest
@@ -16,7 +17,15 @@ if "CI" not in os.environ:  # there hypothesis chooses its own settings: the sam
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    items.sort(key=lambda item: 2 if item.get_closest_marker("browser") else item.path.suffix == ".ipynb")
+    items.sort(key=_place)
+
+
+def _place(item: pytest.Item) -> tuple[int, str, bool]:
+    """Its third of the session; there, the browser's tests of a notebook stand together, that of all its benches first."""
+    if not item.get_closest_marker("browser"):
+        return int(item.path.suffix == ".ipynb"), "", False
+    number = re.search(r"(?<!\d)\d\d(?=[._])", item.nodeid)
+    return 2, number[0] if number else "", item.path.name != "test_every_bench.py"
 
 
 @pytest.hookimpl(optionalhook=True)

@@ -109,17 +109,19 @@ def home(path: Path) -> str:
     return part(".".join(path.with_suffix("").parts[:2])) if path != Path("labkit/__init__.py") else "labkit"
 
 
-@pytest.mark.parametrize("path", MODULES, ids=str)
-def test_imports_go_down_only(path):
-    here = home(path)
-    assert here in FLOOR, f"{path}: put {here!r} on a floor in this file"
-    for module, line, _ in imports(path):
-        there = part(module)
-        if module.split(".")[0] != "labkit" or there == here:
-            continue
-        assert there in FLOOR, f"{path}:{line}: labkit has no part {there!r}"
-        assert FLOOR[there] < FLOOR[here], f"{path}:{line}: {here} (floor {FLOOR[here]}) imports {there} (floor {FLOOR[there]})"
-        assert (here, there) not in STRANGERS, f"{path}:{line}: {here} knows nothing of {there}"
+def test_imports_go_down_only():
+    for path in MODULES:
+        here = home(path)
+        assert here in FLOOR, f"{path}: put {here!r} on a floor in this file"
+        for module, line, _ in imports(path):
+            there = part(module)
+            if module.split(".")[0] != "labkit" or there == here:
+                continue
+            assert there in FLOOR, f"{path}:{line}: labkit has no part {there!r}"
+            assert FLOOR[there] < FLOOR[here], (
+                f"{path}:{line}: {here} (floor {FLOOR[here]}) imports {there} (floor {FLOOR[there]})"
+            )
+            assert (here, there) not in STRANGERS, f"{path}:{line}: {here} knows nothing of {there}"
 
 
 def deep(module: str) -> bool:
@@ -127,15 +129,15 @@ def deep(module: str) -> bool:
     return module.count(".") > 1 and module.startswith("labkit.")
 
 
-@pytest.mark.parametrize("path", MODULES, ids=str)
-def test_a_room_is_entered_by_its_door(path):
+def test_a_room_is_entered_by_its_door():
     """What a room offers stands in its __init__; nobody outside imports deeper."""
-    for node, *_ in statements(ROOT / path):
-        named = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
-        named += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
-        for module in named:
-            inside = not deep(module) or part(module) == home(path)
-            assert inside, f"{path}:{node.lineno}: import from labkit.{part(module)}, and add the name to its __init__"
+    for path in MODULES:
+        for node, *_ in statements(ROOT / path):
+            named = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+            named += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
+            for module in named:
+                inside = not deep(module) or part(module) == home(path)
+                assert inside, f"{path}:{node.lineno}: import from labkit.{part(module)}, and add the name to its __init__"
 
 
 def test_no_module_imports_itself_around_a_corner():
@@ -158,32 +160,32 @@ def test_no_module_imports_itself_around_a_corner():
         visit(name, ())
 
 
-@pytest.mark.parametrize("path", MODULES, ids=str)
-def test_pictures_and_widgets_stay_upstairs_and_heavy_packages_wait(path):
-    here = home(path)
-    for module, line, at_once in imports(path):
-        top = module.split(".")[0]
-        if top in ("ipywidgets", "anywidget", "IPython"):
-            assert here == "bench", f"{path}:{line}: only the bench knows widgets"
-        assert top != "jupyter_server" or here == "server", f"{path}:{line}: only labkit.server knows the Jupyter server"
-        if top == "plotly":
-            assert FLOOR[here] >= FLOOR["figures"], f"{path}:{line}: {here} draws nothing"
-            assert module != "plotly.express", f"{path}:{line}: plotly.express costs every start a quarter of a second"
-        if at_once and top in HEAVY:
-            assert here in ("bench", "figures"), f"{path}:{line}: import {top} in the function that needs it"
+def test_pictures_and_widgets_stay_upstairs_and_heavy_packages_wait():
+    for path in MODULES:
+        here = home(path)
+        for module, line, at_once in imports(path):
+            top = module.split(".")[0]
+            if top in ("ipywidgets", "anywidget", "IPython"):
+                assert here == "bench", f"{path}:{line}: only the bench knows widgets"
+            assert top != "jupyter_server" or here == "server", f"{path}:{line}: only labkit.server knows the Jupyter server"
+            if top == "plotly":
+                assert FLOOR[here] >= FLOOR["figures"], f"{path}:{line}: {here} draws nothing"
+                assert module != "plotly.express", f"{path}:{line}: plotly.express costs every start a quarter of a second"
+            if at_once and top in HEAVY:
+                assert here in ("bench", "figures"), f"{path}:{line}: import {top} in the function that needs it"
 
 
-@pytest.mark.parametrize("path", MODULES, ids=str)
-def test_every_foreign_import_is_a_declared_dependency(path):
+def test_every_foreign_import_is_a_declared_dependency():
     """What loads with its module must be a dependency; what a function loads may also come from an extra."""
     project = PROJECT["project"]
     extras = [line for extra in project["optional-dependencies"].values() for line in extra]
-    for module, line, at_once in imports(path):
-        top = module.split(".")[0]
-        if top != "labkit" and top not in sys.stdlib_module_names:
-            declared = project["dependencies"] + ([] if at_once else extras)
-            names = {re.match(r"[\w-]+", requirement)[0] for requirement in declared}
-            assert BROUGHT_BY.get(top, top) in names, f"{path}:{line}: {top} is not in pyproject.toml"
+    for path in MODULES:
+        for module, line, at_once in imports(path):
+            top = module.split(".")[0]
+            if top != "labkit" and top not in sys.stdlib_module_names:
+                declared = project["dependencies"] + ([] if at_once else extras)
+                names = {re.match(r"[\w-]+", requirement)[0] for requirement in declared}
+                assert BROUGHT_BY.get(top, top) in names, f"{path}:{line}: {top} is not in pyproject.toml"
 
 
 def test_the_floor_test_sees_what_it_must(tmp_path):

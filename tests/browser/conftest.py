@@ -75,6 +75,8 @@ CLOSE_ALL = """() => {
     });
     return Promise.race([Promise.all(ends), new Promise(over => setTimeout(over, 10_000))]).then(() => ends.length);
 }"""
+#: What the picture shows of a bar chart: where its bars are.
+BARS = "figure => figure.data.filter(t => t.type === 'bar' && t.base).map(t => [Array.from(t.base), Array.from(t.x)])"
 VIEWPORT = {"width": 1600, "height": 900}
 
 
@@ -86,10 +88,14 @@ class Lab(NamedTuple):
 
 
 class Notebook:
-    """An open notebook. `external` lists the requests that were refused because they would have left this machine."""
+    """An open notebook. `external` lists the requests that were refused because they would have left this machine.
 
-    def __init__(self, page: Page, external: list[str], shots: Path) -> None:
-        self.page, self.external, self._shots = page, external, shots
+    A test that has put every bench back to where it started sets `as_at_first`: the next one of this notebook may take it over.
+    """
+
+    def __init__(self, name: str, page: Page, external: list[str], shots: Path) -> None:
+        self.name, self.page, self.external, self._shots = name, page, external, shots
+        self.as_at_first = False
 
     def run_all(self, timeout: float = 60_000, lift: bool = True) -> None:
         """Run all cells and wait; fails with the errors the cells show. `timeout` in ms. Benches that wait for a guess are shown
@@ -98,8 +104,13 @@ class Notebook:
         self.page.evaluate(RUN_ALL)
         outcome = self.page.wait_for_function(DONE, timeout=timeout, polling=100).json_value()
         assert outcome == "ok", outcome
-        for _ in range(3 if lift else 0):  # a veil may come a little later than its bench
-            self.page.wait_for_function(LIFT, timeout=timeout, polling=200)
+        if lift:
+            self.lift()
+
+    def lift(self) -> None:
+        """Show every bench without a guess; a veil may come a little later than its bench."""
+        for _ in range(3):
+            self.page.wait_for_function(LIFT, timeout=60_000, polling=200)
             self.page.wait_for_timeout(300)
 
     def cell(self, index: int) -> Locator:
@@ -125,6 +136,16 @@ class Notebook:
         path = self._shots / f"{name}.png"
         self.page.screenshot(path=path)
         return path
+
+
+def changed(nb: Notebook, figure: Locator, before: list) -> list:
+    """Wait until the bars differ from `before`; returns them."""
+    for _ in range(600):
+        now = figure.evaluate(BARS)
+        if now != before:
+            return now
+        nb.page.wait_for_timeout(50)
+    raise AssertionError("the figure did not change within 30 s")
 
 
 def chromium_path() -> str | None:
@@ -206,8 +227,8 @@ def _wait_for(url: str, server: subprocess.Popen, log: Path) -> None:
 
 
 @pytest.fixture(scope="package")
-def lab_page(lab: Lab, chromium: Browser) -> Iterator[tuple[Page, list[str]]]:
-    """JupyterLab loaded in a page, once for all tests, and the list of requests refused because they would leave this machine."""
+def lab_page(lab: Lab, chromium: Browser) -> Iterator[Callable[[str | Path, Path], Notebook]]:
+    """JupyterLab in a page, loaded once for all tests: opens a fresh copy of a notebook in place of the one before."""
     page = chromium.new_page(viewport=VIEWPORT)
     external: list[str] = []
 
@@ -219,31 +240,59 @@ def lab_page(lab: Lab, chromium: Browser) -> Iterator[tuple[Page, list[str]]]:
         if not HERE_ONLY.match(socket.url):
             external.append(socket.url)
 
+    def opener(notebook: str | Path, shots: Path) -> Notebook:
+        page.evaluate(CLOSE_ALL)  # the kernels, too, else they pile up until the session ends
+        shutil.copy(NOTEBOOKS / notebook, lab.root)
+        page.evaluate(OPEN, Path(notebook).name)
+        page.wait_for_function(READY, arg=Path(notebook).name, timeout=60_000, polling=100)
+        return Notebook(Path(notebook).name, page, external, shots)
+
     page.route(re.compile(r"^https?://(?!127\.0\.0\.1:)"), refuse)
     page.on("websocket", watch)
     page.goto(f"{lab.url}/lab?token={TOKEN}&reset", wait_until="domcontentloaded")
     page.wait_for_function("() => window.jupyterapp?.commands.hasCommand('docmanager:open')", timeout=60_000)
     page.wait_for_selector("#jupyterlab-splash", state="detached", timeout=60_000)
-    yield page, external
+    yield opener
     page.close()
 
 
 @pytest.fixture
-def open_notebook(lab: Lab, lab_page: tuple[Page, list[str]], tmp_path: Path) -> Iterator[Callable[[str | Path], Notebook]]:
+def open_notebook(
+    lab_page: Callable[[str | Path, Path], Notebook], last: list[Notebook], tmp_path: Path
+) -> Iterator[Callable[[str | Path], Notebook]]:
     """`open_notebook("01_priority_inversion.ipynb")`, or the path of any other notebook: opens a fresh copy of it."""
-    page, external = lab_page
     shots = Path(os.environ.get("LAB_SHOTS", tmp_path))
     shots.mkdir(parents=True, exist_ok=True)
 
     def opener(notebook: str | Path) -> Notebook:
-        shutil.copy(NOTEBOOKS / notebook, lab.root)
-        page.evaluate(OPEN, Path(notebook).name)
-        page.wait_for_function(READY, arg=Path(notebook).name, timeout=60_000, polling=100)
-        return Notebook(page, external, shots)
+        last[:] = [lab_page(notebook, shots)]
+        return last[0]
 
     yield opener
-    page.evaluate(CLOSE_ALL)  # the kernels, too, else they pile up until the session ends
-    page.set_viewport_size(VIEWPORT)
-    refused = external.copy()
-    external.clear()
-    assert refused == [], "the notebook asked for something outside this machine"
+    for nb in last:
+        nb.page.set_viewport_size(VIEWPORT)
+        refused = nb.external.copy()
+        nb.external.clear()
+        assert refused == [], "the notebook asked for something outside this machine"
+
+
+@pytest.fixture(scope="package")
+def last() -> list[Notebook]:
+    """The notebook that is open."""
+    return []
+
+
+@pytest.fixture
+def run_notebook(open_notebook: Callable[[str | Path], Notebook], last: list[Notebook]) -> Callable[[str], Notebook]:
+    """`run_notebook("05_tick_rates.ipynb")`: the notebook, run, with every bench to be seen and at its start."""
+
+    def opener(notebook: str) -> Notebook:
+        for nb in last:
+            if nb.name == notebook and nb.as_at_first:
+                nb.as_at_first = False
+                return nb
+        nb = open_notebook(notebook)
+        nb.run_all(180_000)
+        return nb
+
+    return opener

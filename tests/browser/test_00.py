@@ -1,9 +1,12 @@
-"""Notebook 00 in the browser: a recording is dropped or chosen, zoomed, refused; a long one comes in pieces."""
+"""Notebook 00 as a person meets it: guess, move sliders, name, drop or choose a recording, zoom it; a long one in pieces."""
+
+import shutil
 
 import pytest
 from playwright.sync_api import expect
 
 from labkit.data import example
+from tests.browser.conftest import BARS, changed
 
 pytestmark = pytest.mark.browser
 
@@ -30,14 +33,24 @@ CHOOSE = """(field, [name, size]) => {
 RANGE = "figure => figure.layout.xaxis.range"
 
 
-def test_a_recording_of_ones_own(open_notebook):
-    nb = open_notebook("00_start_here.ipynb")
-    nb.run_all()
+def test_a_recording_of_ones_own(run_notebook, lab):
+    nb = run_notebook("00_start_here.ipynb")
     bench, figure = nb.page.locator(".lab-bench").nth(1), nb.figure(1)
     strip, line, says = bench.locator(".lab-drop"), bench.locator(".lab-code"), bench.locator(".lab-says")
     bench.scroll_into_view_if_needed()
     expect(strip).to_contain_text("at most 256 MiB")
     nb.screenshot("00_own_recording")
+
+    shutil.copy(example("board.log"), lab.root / "board.log")
+    field = bench.locator(".lab-file input")
+    field.fill("board.log")
+    field.press("Enter")
+    expect(bench).to_contain_text("board.log, read as log: 161 lines")
+    expect(bench.locator(".lab-metrics")).to_contain_text("196.2 ms")
+    field.fill("no_such.log")
+    field.press("Enter")
+    expect(bench.get_by_role("alert")).to_contain_text("no_such.log: cannot be read")
+    expect(bench.locator(".lab-metrics")).to_contain_text("196.2 ms")
 
     btf = example("board.btf").read_text()
     figure.evaluate(OVER, ["board.btf", btf])
@@ -80,3 +93,25 @@ def test_a_recording_of_ones_own(open_notebook):
     expect(line).to_contain_text("dropped/long.log", timeout=120_000)
     expect(says).to_contain_text("long.log, read as log")
     expect(bench.locator(".lab-bar .lab-metric").nth(1)).to_contain_text("1\u202f000")  # runs
+
+
+def test_start_here(open_notebook):
+    nb = open_notebook("00_start_here.ipynb")
+    nb.run_all(lift=False)
+    bench = nb.page.locator(".lab-bench").nth(0)
+    expect(bench.locator(".lab-veil")).to_be_visible()
+    nb.page.locator(".lab-predict input").fill("20 ms")
+    nb.page.locator(".lab-predict-reveal").click()
+    expect(nb.page.locator(".lab-predict")).to_contain_text("The model says 20 ms")
+    expect(bench.locator(".lab-veil")).to_be_hidden()
+    expect(nb.page.locator(".lab-guesses")).to_contain_text("right")
+
+    figure = nb.figure()
+    before = figure.evaluate(BARS)
+    nb.slider(".lab-wheel-work", "ArrowRight")
+    changed(nb, figure, before)
+    expect(bench.locator(".lab-code")).to_have_text("ThreeTasks(wheel_work=3.5)")
+    expect(bench.locator(".lab-metrics")).to_contain_text("29.5 ms")
+    nb.slider(".lab-at", "ArrowRight")
+    expect(bench).to_contain_text("At 0.5 ms: wheel_ctrl runs; odometry is ready; pose_ctrl is ready.")
+    nb.screenshot("00")

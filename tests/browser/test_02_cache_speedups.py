@@ -34,9 +34,8 @@ def until(nb, read, wanted):
     raise AssertionError(f"still {found!r} after 5 s")
 
 
-def test_cache_speedups(open_notebook):
-    nb = open_notebook("02_cache_speedups.ipynb")
-    nb.run_all(180_000)
+def test_cache_speedups(run_notebook):
+    nb = run_notebook("02_cache_speedups.ipynb")
     benches = nb.page.locator(".lab-bench")
     expect(benches).to_have_count(7)
     pictures(nb, "02")

@@ -10,9 +10,8 @@ pytestmark = pytest.mark.browser
 CELLS = "figure => figure.data[1].text.slice(3 * 64, 3 * 64 + 32).join('')"  # what the DMA lane of the first bench shows
 
 
-def test_step_slider_and_switches_move_the_lanes(open_notebook):
-    nb = open_notebook("03_dma_coherence.ipynb")
-    nb.run_all(180_000)
+def test_step_slider_and_switches_move_the_lanes(run_notebook):
+    nb = run_notebook("03_dma_coherence.ipynb")
     pictures(nb, "03")
     first, session = ":nth-match(.lab-bench, 1)", ":nth-match(.lab-bench, 4)"
     card = nb.page.locator(f"{first} .lab-metric")

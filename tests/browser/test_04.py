@@ -6,9 +6,8 @@ from playwright.sync_api import expect
 pytestmark = pytest.mark.browser
 
 
-def test_trace_sink(open_notebook):
-    nb = open_notebook("04_trace_sink.ipynb")
-    nb.run_all(180_000)
+def test_trace_sink(run_notebook):
+    nb = run_notebook("04_trace_sink.ipynb")
 
     def bench(name):
         return nb.page.locator(".lab-bench").filter(has=nb.page.locator(".lab-code", has_text=f"{name}(")).first

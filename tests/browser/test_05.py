@@ -8,9 +8,8 @@ from labkit import RobotPath
 pytestmark = pytest.mark.browser
 
 
-def test_tick_rates(open_notebook):
-    nb = open_notebook("05_tick_rates.ipynb")
-    nb.run_all(180_000)
+def test_tick_rates(run_notebook):
+    nb = run_notebook("05_tick_rates.ipynb")
     rates = nb.page.locator(".lab-bench").nth(0)
     rates.locator(".lab-rates select").select_option(index=4)
     expect(rates.locator(".lab-code")).to_contain_text("rates='10000|5000'")

@@ -6,9 +6,8 @@ from playwright.sync_api import expect
 pytestmark = pytest.mark.browser
 
 
-def test_micro_ros(open_notebook):
-    nb = open_notebook("06_micro_ros_vs_freertos.ipynb")
-    nb.run_all(240_000)
+def test_micro_ros(run_notebook):
+    nb = run_notebook("06_micro_ros_vs_freertos.ipynb")
     rate = nb.page.locator(".lab-bench").nth(0)
     expect(rate.locator(".lab-metric").first).to_be_visible(timeout=60_000)
     three = rate.locator(".lab-metrics").inner_text()

@@ -18,9 +18,8 @@ PASTE = """(field, text) => {
 HEIGHTS = "figure => figure.data[4].y.slice(0, 20).join()"  # the curve of TAFT's safe test
 
 
-def test_sliders_move_schedules_and_curves(open_notebook):
-    nb = open_notebook("07_schedulability.ipynb")
-    nb.run_all(180_000)
+def test_sliders_move_schedules_and_curves(run_notebook):
+    nb = run_notebook("07_schedulability.ipynb")
 
     schedules, figure = nb.page.locator(".lab-bench").nth(0), nb.figure(0)
     expect(figure).to_contain_text("task 2 misses its deadline at 7 ms")

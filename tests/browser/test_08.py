@@ -6,9 +6,8 @@ from playwright.sync_api import expect
 pytestmark = pytest.mark.browser
 
 
-def test_taft_phases(open_notebook):
-    nb = open_notebook("08_taft_phases.ipynb")
-    nb.run_all(120_000)
+def test_taft_phases(run_notebook):
+    nb = run_notebook("08_taft_phases.ipynb")
     windows, designs, timeliness = (nb.page.locator(".lab-bench").nth(i) for i in range(3))
     expect(windows.locator(".lab-metrics")).to_contain_text("3.9 ms")
     for phase in (

@@ -6,9 +6,8 @@ from playwright.sync_api import expect
 pytestmark = pytest.mark.browser
 
 
-def test_global_time(open_notebook):
-    nb = open_notebook("09_global_time.ipynb")
-    nb.run_all(180_000)
+def test_global_time(run_notebook):
+    nb = run_notebook("09_global_time.ipynb")
     stretches, clocks, dead, starts, drift = (nb.page.locator(".lab-bench").nth(i) for i in range(5))
 
     nb.figure(0).scroll_into_view_if_needed()

@@ -6,9 +6,8 @@ from playwright.sync_api import expect
 pytestmark = pytest.mark.browser
 
 
-def test_group_communication(open_notebook):
-    nb = open_notebook("10_group_communication.ipynb")
-    nb.run_all(180_000)
+def test_group_communication(run_notebook):
+    nb = run_notebook("10_group_communication.ipynb")
 
     def bench(code: str):
         found = nb.page.locator(".lab-bench").filter(has=nb.page.locator(".lab-code", has_text=code)).first

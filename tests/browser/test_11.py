@@ -24,9 +24,8 @@ def press(bench, slider: str, key: str, times: int) -> None:
         handle.press(key)
 
 
-def test_laser_pipeline(open_notebook):
-    nb = open_notebook("11_laser_pipeline.ipynb")
-    nb.run_all(180_000)
+def test_laser_pipeline(run_notebook):
+    nb = run_notebook("11_laser_pipeline.ipynb")
     benches = nb.page.locator(".lab-bench")
     scan, fits, stages, views = (benches.nth(i) for i in range(4))
 

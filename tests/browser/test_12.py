@@ -11,9 +11,8 @@ def show(bench) -> None:
     bench.page.wait_for_timeout(900)
 
 
-def test_kalman_fusion(open_notebook):
-    nb = open_notebook("12_kalman_fusion.ipynb")
-    nb.run_all(180_000)
+def test_kalman_fusion(run_notebook):
+    nb = run_notebook("12_kalman_fusion.ipynb")
     benches = nb.page.locator(".lab-bench")
     two = benches.nth(0)
     show(two)

@@ -24,9 +24,8 @@ def crosses(bench) -> int:
     return bench.locator(".js-plotly-plot").evaluate(find)
 
 
-def test_distributed_fusion(open_notebook):
-    nb = open_notebook("13_distributed_fusion.ipynb")
-    nb.run_all(300_000)
+def test_distributed_fusion(run_notebook):
+    nb = run_notebook("13_distributed_fusion.ipynb")
     benches = nb.page.locator(".lab-bench")
     levels, wrong, fast, apart, chain = (benches.nth(i) for i in range(5))
 

@@ -1,15 +1,17 @@
 """What holds for every bench of every notebook in the page: it draws what the model gives, and nothing lies on anything.
 
-A new notebook joins by existing. Each control of each bench is moved and the bench reset.
+A new notebook joins by existing. A question's bench is veiled; each control of each bench is moved, one of them with a pinned
+picture behind; what can be played goes one step on; the bench is reset; lecture mode fits windows of three sizes.
 """
 
 import json
+import os
 import re
 import time
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import Locator
+from playwright.sync_api import Locator, expect
 
 from labkit import experiments
 from labkit.bench.plot import cards
@@ -21,8 +23,9 @@ pytestmark = pytest.mark.browser
 NOTEBOOKS = sorted(path.name for path in (Path(__file__).parents[2] / "notebooks").glob("*.ipynb"))
 
 #: What the page draws, typed arrays as lists and gaps as null.
-DRAWN = """plot => JSON.stringify([plot.data, plot.layout.shapes ?? [], plot.layout.annotations ?? []], (key, value) =>
-    ArrayBuffer.isView(value) ? Array.from(value) : value)"""
+DRAWN = (
+    """plot => JSON.stringify([plot.data, plot.layout], (key, value) => ArrayBuffer.isView(value) ? Array.from(value) : value)"""
+)
 #: Texts that lie on each other or are cut at the edge of the picture or of their field, in words.
 FAULTS = """bench => {
     const plot = bench.querySelector('.js-plotly-plot'), frame = plot.querySelector('.main-svg').getBoundingClientRect();
@@ -109,15 +112,18 @@ def check(bench: Locator, experiment: Experiment, where: str, faults: list[str])
     fresh = plain(experiment.figure(result))
     settled(bench, experiment.code())
     fresh["data"] = [trace for trace in fresh["data"] if trace.get("showlegend") is not False or trace.get("x") != []]
-    data, shapes, notes = json.loads(bench.locator(".js-plotly-plot").evaluate(DRAWN))
+    data, layout = json.loads(bench.locator(".js-plotly-plot").evaluate(DRAWN))
     what = f"{where}: {experiment.code()}"
     for i, (drawn, wanted) in enumerate(zip(data, fresh["data"], strict=True)):
         wrong = [key for key in wanted if not matches({key: drawn.get(key)}, {key: wanted[key]})]
         assert wrong == [], f"{what}: the page draws {wrong} of trace {i} otherwise than the model"
-    assert matches(shapes, fresh["layout"].get("shapes", [])), f"{what}: other shapes"
-    assert matches([n["text"] for n in notes], [n["text"] for n in fresh["layout"].get("annotations", [])]), (
-        f"{what}: other notes"
-    )
+    wanted = fresh["layout"]
+    assert matches(layout.get("shapes"), wanted.get("shapes", [])), f"{what}: other shapes"
+    texts = [[note["text"] for note in one.get("annotations", [])] for one in (layout, wanted)]
+    assert matches(*texts), f"{what}: other notes"
+    for name in wanted:
+        if name[1:5] == "axis" and None not in (wanted[name].get("range") or [None]):
+            assert matches(layout[name]["range"], wanted[name]["range"]), f"{what}: another range of {name}"
     written = cards(experiment.metrics(result), experiment.headline)
     written.sort(key=lambda card: not card["headline"])
     expected = [[c["text"], " · ".join([c["name"], *c["beside"]])] for c in written]
@@ -144,8 +150,42 @@ def move(bench: Locator, parameter: Parameter, experiment: Experiment) -> Experi
     return experiment.replace(**{parameter.name: round(value + (step if up else -step), 9)})
 
 
+def pinned(bench: Locator, parameter: Parameter, before: Experiment) -> Experiment:
+    """Pin what is shown, move one control, and take the pin away again; what the bench has to show then."""
+    traces = "plot => plot.data.length"
+    plot, line = bench.locator(".js-plotly-plot"), bench.locator(".lab-pinned-code")
+    alone = plot.evaluate(traces)
+    bench.locator(".lab-pin").click()
+    after = move(bench, parameter, before)
+    settled(bench, after.code())
+    assert line.inner_text() == f"pinned: {before.code()}"
+    assert plot.evaluate(traces) > alone, f"{before.code()}: nothing of the pinned picture is left behind the new one"
+    bench.locator(".lab-pin").click()
+    expect(line).to_be_hidden()
+    bench.page.wait_for_function("([plot, n]) => plot.data.length <= n", arg=[plot.element_handle(), plot.evaluate(traces) - 1])
+    return after
+
+
+def played(bench: Locator, experiment: Experiment) -> Experiment:
+    """One step forward, or back from the end, where there is something to play; what the bench has to show then."""
+    if not bench.locator(".lab-transport").is_visible():
+        return experiment
+    expect(bench.locator(".lab-says")).not_to_be_empty()
+    code = bench.locator(".lab-code")
+    bench.locator(".lab-back" if at_the_end(experiment) else ".lab-forward").click()
+    expect(code).not_to_have_text(experiment.code())
+    return experiment_of(bench)
+
+
+def at_the_end(experiment: Experiment) -> bool:
+    """Whether nothing more can be played."""
+    (p,) = (p for p in experiment.parameters() if p.play)
+    meta = experiment.figure(experiment.run())["layout"].get("meta") or {}
+    return bool(meta.get("ended")) or getattr(experiment, p.name) >= p.high
+
+
 def lecture(bench: Locator, where: str, faults: list[str]) -> None:
-    """Note what does not fit in lecture mode, once the picture has taken its place."""
+    """Go into lecture mode and note what does not fit, once the picture has taken its place."""
     bench.locator(".lab-lecture-switch").click()
     before, end = None, time.monotonic() + 5
     while True:
@@ -155,7 +195,6 @@ def lecture(bench: Locator, where: str, faults: list[str]) -> None:
             break
         before = places
     faults += [f"{where}: {fault}" for fault in found]
-    bench.page.keyboard.press("Escape")
 
 
 @pytest.mark.parametrize("notebook", NOTEBOOKS)
@@ -164,8 +203,14 @@ def test_every_bench_draws_what_the_model_gives_and_fits(open_notebook, notebook
     complaints: list[str] = []
     nb.page.on("pageerror", lambda error: complaints.append(str(error)))
     nb.page.on("console", lambda said: complaints.append(said.text) if said.text.startswith("WARN:") else None)  # plotly's
-    nb.run_all(180_000)
+    nb.run_all(180_000, lift=False)
     benches = nb.page.locator(".lab-bench")
+    veils = nb.page.locator(".lab-veil:not([hidden])")
+    questions = nb.page.locator(".lab-predict").count()
+    assert 0 < veils.count() <= questions, f"{questions} questions, {veils.count()} benches that wait for an answer"
+    for i in range(veils.count()):
+        expect(benches.filter(has=veils.nth(i)).locator(".lab-picture")).not_to_be_visible()
+    nb.lift()
     faults: list[str] = []
     for i in range(benches.count()):
         bench = benches.nth(i)
@@ -175,10 +220,14 @@ def test_every_bench_draws_what_the_model_gives_and_fits(open_notebook, notebook
         check(bench, start, notebook, faults)
         if (height := bench.bounding_box()["height"]) > HEIGHT:
             faults.append(f"{notebook}: {start.code()}: {height:.0f} px high")
+        still = True
         for parameter in start.parameters():
             if parameter.name not in experiment.without_effect():
-                experiment = move(bench, parameter, experiment)
+                before, go = experiment, pinned if still else move
+                experiment = go(bench, parameter, experiment)
+                still = still and experiment == before
                 check(bench, experiment, notebook, faults)
+        check(bench, played(bench, experiment), notebook, faults)
         bench.locator(".lab-reset").click()
         check(bench, start, notebook, faults)
         assert bench.locator(".lab-error").count() == 0
@@ -186,5 +235,9 @@ def test_every_bench_draws_what_the_model_gives_and_fits(open_notebook, notebook
         nb.page.set_viewport_size({"width": width, "height": height})
         for i in range(benches.count()):
             lecture(benches.nth(i), f"{notebook}: bench {i} at {width}x{height}", faults)
+            if "LAB_SHOTS" in os.environ:  # for the eye
+                nb.screenshot(f"{notebook[:2]}_{i}_{width}")
+            nb.page.keyboard.press("Escape")
     assert complaints == []
     assert not faults, "\n".join(faults)
+    nb.as_at_first = True
