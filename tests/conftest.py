@@ -1,8 +1,8 @@
 """The one test session: its order, and what several processes may share of it.
 
-Alone, fast tests come first, then notebooks, then the browser. `make test` has a process per core: all browser tests run in one
-of them (two JupyterLabs and two Chromiums would wait for each other), the cells of a notebook stay together, and so do the tests
-of one experiment, which share its run; the rest goes anywhere.
+Alone, fast tests come first, then notebooks, then the browser. `make test` has a process per core: the browser's tests of even
+and of odd notebooks, the cells of a notebook, and the tests of one experiment, which share its run, stay together, the rest goes
+anywhere.
 """
 
 import os
@@ -24,8 +24,13 @@ def _place(item: pytest.Item) -> tuple[int, str, bool]:
     """Its third of the session; there, the browser's tests of a notebook stand together, that of all its benches first."""
     if not item.get_closest_marker("browser"):
         return int(item.path.suffix == ".ipynb"), "", False
-    number = re.search(r"(?<!\d)\d\d(?=[._])", item.nodeid)
-    return 2, number[0] if number else "", item.path.name != "test_every_bench.py"
+    return 2, _number(item.nodeid), item.path.name != "test_every_bench.py"
+
+
+def _number(nodeid: str) -> str:
+    """The number of the notebook that a browser test is about."""
+    number = re.search(r"(?<!\d)\d\d(?=[._])", nodeid)
+    return number[0] if number else ""
 
 
 @pytest.hookimpl(optionalhook=True)
@@ -33,12 +38,12 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: object) -> object:
     from xdist.scheduler import LoadScopeScheduling
 
     class Together(LoadScopeScheduling):
-        """The largest group goes out first, which is the browser's."""
+        """The larger groups go out first: notebooks, the browser's tests, experiments."""
 
         def _split_scope(self, nodeid: str) -> str:
             file, _, test = nodeid.partition("::")
             if file.startswith("tests/browser/"):
-                return "browser"
+                return "even" if int(_number(nodeid) or 1) % 2 == 0 else "odd"
             if file.endswith("/test_every_experiment.py"):
                 return test[test.find("[") :]
             return file if file.endswith(".ipynb") else nodeid
