@@ -8,11 +8,12 @@ import json
 import os
 import re
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
 import pytest
-from playwright.sync_api import ElementHandle, Page, expect
+from playwright.sync_api import ElementHandle, Page, TimeoutError, expect
 
 from labkit import experiments
 from labkit.bench.plot import cards
@@ -70,6 +71,11 @@ WINDOW_FAULTS = """bench => {
     if (letters < innerHeight / 75) faults.push(`letters of ${letters.toFixed(1)} px`);
     return faults;
 }"""
+#: What a bench says of itself when it is not what was waited for.
+STATE = """bench => [bench.isConnected, bench.querySelector('.lab-code').textContent,
+    bench.querySelector('.lab-picture').dataset.drawn,
+    bench.querySelector('.lab-plot').className, bench.querySelector('.lab-picture').clientWidth,
+    bench.querySelector('.lab-error-slot').textContent, !bench.querySelector('.lab-progress').hidden]"""
 #: Where the picture and its texts are.
 PLACES = """bench => [...bench.querySelectorAll('.main-svg, .infolayer text')].map(e => {
     const { x, y, width, height } = e.getBoundingClientRect();
@@ -94,7 +100,16 @@ class Bench(NamedTuple):
     def wait(self, condition: str, *arguments) -> None:
         """Until a condition on `bench` and the arguments `a`, `b`, ... holds."""
         names = ", ".join(["bench", *"abc"[: len(arguments)]])
-        self.page.wait_for_function(f"([{names}]) => {condition}", arg=[self.element, *arguments], timeout=60_000)
+        try:
+            self.page.wait_for_function(f"([{names}]) => {condition}", arg=[self.element, *arguments], timeout=60_000)
+        except TimeoutError as error:
+            raise AssertionError(f"not within 60 s: {condition} {arguments}; there is {self.element.evaluate(STATE)}") from error
+
+
+def benches_of(page: Page) -> Iterator[Bench]:
+    """Each is looked up when its turn comes: the page may have made it anew meanwhile."""
+    for i in range(page.locator(".lab-bench").count()):
+        yield Bench(page, page.query_selector_all(".lab-bench")[i])
 
 
 def experiment_of(bench: Bench) -> Experiment:
@@ -186,7 +201,9 @@ def played(bench: Bench, experiment: Experiment) -> Experiment:
     """One step forward, or back from the end, where there is something to play; what the bench has to show then."""
     if not bench.find(".lab-transport").is_visible():
         return experiment
-    assert bench.find(".lab-says").inner_text()
+    assert bench.find(".lab-says").inner_text() or bench.find(".annotation-text"), (
+        f"{experiment.code()}: nothing says what happens"
+    )
     bench.click(".lab-back" if at_the_end(experiment) else ".lab-forward")
     bench.wait("bench.querySelector('.lab-code').textContent !== a", experiment.code())
     return experiment_of(bench)
@@ -224,9 +241,8 @@ def test_every_bench_draws_what_the_model_gives_and_fits(open_notebook, notebook
     expect(nb.page.locator(".lab-veil:not([hidden]) ~ .lab-picture >> visible=true")).to_have_count(0)
     nb.lift()
     faults: list[str] = []
-    benches = [Bench(nb.page, element) for element in nb.page.query_selector_all(".lab-bench")]
     moved = set()
-    for bench in benches:
+    for bench in benches_of(nb.page):
         bench.element.scroll_into_view_if_needed()
         settled(bench)
         start = experiment = experiment_of(bench)
@@ -249,7 +265,7 @@ def test_every_bench_draws_what_the_model_gives_and_fits(open_notebook, notebook
         assert not bench.find(".lab-error")
     for width, height in WINDOWS:
         nb.page.set_viewport_size({"width": width, "height": height})
-        for i, bench in enumerate(benches):
+        for i, bench in enumerate(benches_of(nb.page)):
             lecture(bench, f"{notebook}: bench {i} at {width}x{height}", faults)
             if "LAB_SHOTS" in os.environ:  # for the eye
                 nb.screenshot(f"{notebook[:2]}_{i}_{width}")
