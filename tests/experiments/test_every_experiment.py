@@ -54,7 +54,7 @@ def usual(cls: type[Experiment]) -> tuple[list[str], list[str]]:
 
 
 def test_no_slider_position_crashes_and_the_figure_keeps_its_traces(cls):
-    @settings(max_examples=6 if cls.slow else 20, suppress_health_check=[HealthCheck.too_slow])
+    @settings(max_examples=8 if cls.slow else 25, suppress_health_check=[HealthCheck.too_slow])
     @given(cls.strategy())
     def anywhere(experiment):
         keeps_its_traces(experiment)
