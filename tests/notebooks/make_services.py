@@ -3,11 +3,13 @@
     python tests/notebooks/make_services.py     # after a change of the table or of an example; writes the notebook
 
 The examples of a group stand in the file of its name in the folder `services`, which runs by itself: what the group is about,
-then for each cell a comment that begins with `# %%`, and its code. All that a cell prints is stored and compared.
+then for each a comment that begins with `# %%`, and its code; where a line is `# %%` and nothing else, another cell begins. All
+that a cell prints is stored and compared.
 """
 
 from __future__ import annotations
 
+import ast
 import contextlib
 import io
 import re
@@ -40,19 +42,28 @@ class Group:
     rows: tuple[tuple[str, str, str], ...]
 
     @property
-    def calls(self) -> set[str]:
-        """Such as `os.take` and `isr.give`."""
-        return {call for _, here, _ in self.rows for call in re.findall(r"\b(?:os|isr)\.\w+", here)}
-
-    @property
     def file(self) -> Path:
         """Where its examples stand."""
         return EXAMPLES / f"{self.name.lower().replace(' ', '_')}.py"
 
-    def table(self) -> str:
-        """The rows as Markdown."""
+    def table(self, first: int) -> str:
+        """The rows as Markdown, each with the numbers of its examples, the group's first being `first`."""
+        uses = [used("\n".join(each.cells)) for each in examples(self.file)[1]]
+        shown = [{n for n, here in enumerate(uses, first) for call in calls(row) if call in here} for row in self.rows]
         lines = [f"| {_code(there)} | {_code(here)} | {differs} |" for there, here, differs in self.rows]
-        return "\n".join(["| FreeRTOS | here | what differs |", "|---|---|---|", *lines])
+        numbered = [f"{line} {', '.join(map(str, sorted(numbers)))} |" for line, numbers in zip(lines, shown, strict=True)]
+        return "\n".join(["| FreeRTOS | here | what differs | example |", "|---|---|---|---|", *numbered])
+
+
+def calls(row: tuple[str, str, str]) -> set[str]:
+    """Such as `os.take` and `isr.give`."""
+    return set(re.findall(r"\b(?:os|isr)\.\w+", row[1]))
+
+
+def used(code: str) -> set[str]:
+    """The requests and calls made in it, such as `os.take` and `isr.give`."""
+    attributes = (node for node in ast.walk(ast.parse(code)) if isinstance(node, ast.Attribute))
+    return {f"{a.value.id}.{a.attr}" for a in attributes if isinstance(a.value, ast.Name) and a.value.id in ("os", "isr")}
 
 
 def _code(names: str) -> str:
@@ -72,16 +83,25 @@ def groups() -> list[Group]:
     return found
 
 
-def examples(path: Path) -> tuple[str, list[tuple[str, str]]]:
-    """What a file is about, and its cells: (sentence, code)."""
+@dataclass(frozen=True)
+class Example:
+    """A sentence and the code of its cells."""
+
+    sentence: str
+    cells: tuple[str, ...]
+
+
+def examples(path: Path) -> tuple[str, list[Example]]:
+    """What a file is about, and its examples."""
     head, *parts = path.read_text(encoding="utf-8").split("\n# %% ")
-    cells = []
+    found = []
     for part in parts:
         lines = part.splitlines()
         first = next(n for n, line in enumerate(lines) if n and not line.startswith("# "))
-        code = re.sub(r"\n{2,}", "\n\n", "\n".join(lines[first:]).strip())  # in a file functions stand further apart
-        cells.append((" ".join(line.removeprefix("# ") for line in lines[:first]), code))
-    return head.split('"""')[1], cells
+        code = re.sub(r"\n{2,}", "\n\n", "\n".join(lines[first:]))  # in a file functions stand further apart
+        cells = tuple(cell.strip() for cell in code.split("\n# %%\n"))
+        found.append(Example(" ".join(line.removeprefix("# ") for line in lines[:first]), cells))
+    return head.split('"""')[1], found
 
 
 def page() -> nbformat.NotebookNode:
@@ -92,21 +112,30 @@ def page() -> nbformat.NotebookNode:
     names: dict[str, object] = {}
     exec(SETUP, names)
     cells = [new_markdown_cell(text), new_code_cell(SETUP)]
+    number = 0
     for group in groups():
         about, parts = examples(group.file)
-        before = f"## {group.name}\n\n{about}\n\n{group.table()}\n\n"
-        for sentence, code in parts:
-            said = io.StringIO()
-            with contextlib.redirect_stdout(said):
-                exec(compile(code, group.file.name, "exec"), names)
-            output = new_output("stream", name="stdout", text=said.getvalue())
-            cells.append(new_markdown_cell(before + sentence))
-            cells.append(new_code_cell(f"# NBVAL_CHECK_OUTPUT\n{code}", outputs=[output], execution_count=1))
+        before = f"## {group.name}\n\n{about}\n\n{group.table(number + 1)}\n\n"
+        for example in parts:
+            number += 1
+            cells.append(new_markdown_cell(f"{before}**Example {number}.** {example.sentence}"))
+            cells += [_run(code, names, group.file.name) for code in example.cells]
             before = ""
     for number, cell in enumerate(cells):
         cell.id = f"s{number:02}"
     kernel = {"display_name": "Python 3 (ipykernel)", "language": "python", "name": "python3"}
     return new_notebook(cells=cells, metadata={"kernelspec": kernel})
+
+
+def _run(code: str, names: dict[str, object], where: str) -> nbformat.NotebookNode:
+    """A cell with what it prints, compared by nbval if that is anything."""
+    said = io.StringIO()
+    with contextlib.redirect_stdout(said):
+        exec(compile(code, where, "exec"), names)
+    if not said.getvalue():
+        return new_code_cell(code)
+    output = new_output("stream", name="stdout", text=said.getvalue())
+    return new_code_cell(f"# NBVAL_CHECK_OUTPUT\n{code}", outputs=[output], execution_count=1)
 
 
 def one_line(text: str | None, after: str) -> str:

@@ -17,6 +17,7 @@ def writer(os):
         print("tick", os.ticks, "sent", sent, "of", count, "room for", (yield os.buffer_spaces(stream)))
 
 
+# %%
 k = Kernel()
 stream = k.stream_buffer("stream", length=32, trigger=10)
 k.task("reader", reader, priority=1)

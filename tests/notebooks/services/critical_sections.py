@@ -19,6 +19,7 @@ def task(os):
     print(f"at {os.now / os.ms:g} ms the tick count was", before, "and is", os.ticks)
 
 
+# %%
 k = Kernel()
 k.task("task", task, priority=1)
 k.interrupt(3 * k.ms // 2, lambda isr: print(f"at {isr.now / k.ms:g} ms an interrupt"), every=6 * k.ms)

@@ -16,6 +16,7 @@ def giver(os):
     yield os.notify_give(task)
 
 
+# %%
 k = Kernel()
 task = k.task("handler", handler, priority=1)
 k.task("giver", giver, priority=2)

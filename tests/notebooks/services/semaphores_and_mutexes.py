@@ -19,6 +19,7 @@ def impatient(os):
     print("tick", os.ticks, (yield os.take(lock)), "at tick", os.ticks)
 
 
+# %%
 k = Kernel()
 lock = k.recursive_mutex("lock")
 k.task("owner", owner, priority=1)

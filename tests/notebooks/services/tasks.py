@@ -20,6 +20,7 @@ def boss(os):
     yield os.delete(task)
 
 
+# %%
 k = Kernel()
 k.task("boss", boss, priority=2)
 k.advance(until=30 * k.ms)
@@ -41,6 +42,7 @@ def high(os):
     yield os.take(lock)
 
 
+# %%
 k = Kernel()
 lock = k.mutex("lock")
 k.task("low", low, priority=1)

@@ -18,6 +18,7 @@ def exact(os):
         print("delay_until: tick", os.ticks)
 
 
+# %%
 for body in (drifting, exact):
     k = Kernel()
     k.task("task", body, priority=1)

@@ -16,6 +16,7 @@ def task(os):
     yield os.timer_stop(often)
 
 
+# %%
 k = Kernel(timer_priority=3)
 once = k.timer("once", 4, lambda os: print("tick", os.ticks, "once"))
 often = k.timer("often", 2, lambda os: print("tick", os.ticks, "often"), auto_reload=True)
