@@ -241,7 +241,9 @@ def install(
         if button is not None:
             if not button.on(os.now):
                 return
-            zero = button.count_from(np.append(k.trace.time[k.trace.of("switch")], os.now))
+            if button.zero is None:  # this stamp is the first one, or a switch before it
+                button.count_from(np.append(k.trace.time[k.trace.of("switch")], os.now))
+            zero = button.zero or 0
         size = FIXED.get(path.form) or len(name) + len(str((os.now - zero) * 1_000_000 // k.cpu_hz)) + 4
         yield max(path.stamp - COPY * size, 0)
         if (yield from write(os, size)):
