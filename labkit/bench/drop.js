@@ -72,7 +72,7 @@ const render = ({ model, el }) => {
     window.addEventListener("dragleave", left, true);
 
     model.on("msg:custom", take);
-    model.send({ want: "state" });
+    hear(model);
     return () => {
         for (const name of ["dragover", "drop"]) window.removeEventListener(name, over, true);
         window.removeEventListener("dragleave", left, true);

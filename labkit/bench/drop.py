@@ -13,14 +13,13 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import IO, Any
 
-import anywidget
+from labkit.bench.heard import HERE, Heard, page_code
 
-HERE = Path(__file__).parent
 FOLDER = Path("dropped")  # beside the notebook
 LONGEST = 80  # characters of a name
 
 
-class Drop(anywidget.AnyWidget):
+class Drop(Heard):
     """Takes a file from the page into the folder `dropped`, in which nothing is ever overwritten.
 
     Args:
@@ -28,7 +27,7 @@ class Drop(anywidget.AnyWidget):
         most: largest file in bytes.
     """
 
-    _esm = HERE / "drop.js"
+    _esm = page_code("drop.js")
     _css = HERE / "drop.css"
 
     def __init__(self, arrived: Callable[[str], None], most: int) -> None:

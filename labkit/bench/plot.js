@@ -203,7 +203,7 @@ const render = ({ model, el }) => {
     };
     const observer = new ResizeObserver(resize);
     observer.observe(picture);
-    model.send({ want: "state" });
+    hear(model);
     return () => {
         gone = true;
         stop();

@@ -13,12 +13,11 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-import anywidget
 import numpy as np
 
+from labkit.bench.heard import HERE, Heard, page_code
 from labkit.experiment import Metric
 
-HERE = Path(__file__).parent
 HEADLINES = 3  # cards above a picture
 
 #: dtype -> name of JavaScript's typed array. Integers of 64 bits have none there.
@@ -81,7 +80,7 @@ def cards(metrics: Sequence[Metric], headline: Sequence[str] = ()) -> list[dict[
     ]
 
 
-class Plot(anywidget.AnyWidget):
+class Plot(Heard):
     """The picture with its cards, code line and error.
 
     Args:
@@ -89,7 +88,7 @@ class Plot(anywidget.AnyWidget):
         plays: what the buttons for back, play and forward go through; "": there are none.
     """
 
-    _esm = "\n".join((HERE / name).read_text(encoding="utf-8") for name in ("figure.js", "cards.js", "plot.js"))
+    _esm = page_code("figure.js", "cards.js", "plot.js")
     _css = HERE / "plot.css"
 
     def __init__(self, answer: Callable[[dict[str, Any]], None], plays: str = "") -> None:

@@ -139,7 +139,7 @@ const render = ({ model, el }) => {
         }
     };
     model.on("msg:custom", take);
-    model.send({ want: "state" });
+    hear(model);
     return () => {
         clearTimeout(timer);
         model.off("msg:custom", take);

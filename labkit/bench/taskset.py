@@ -6,15 +6,11 @@ Knows the `Experiment` contract and, of an experiment about a table, what `OfATa
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any, Protocol, Self
 
-import anywidget
-
 from labkit.bench.bench import Bench, Shown
+from labkit.bench.heard import HERE, Heard, page_code
 from labkit.experiment import Experiment, ParameterError
-
-HERE = Path(__file__).parent
 
 
 class OfATable(Protocol):
@@ -42,10 +38,10 @@ class OfATable(Protocol):
         ...
 
 
-class Table(anywidget.AnyWidget):
+class Table(Heard):
     """The table in the page. `answer` gets what the page sends: text, load, save or set."""
 
-    _esm = HERE / "taskset.js"
+    _esm = page_code("taskset.js")
     _css = HERE / "taskset.css"
 
     def __init__(self, answer: Callable[[dict[str, Any]], None]) -> None:

@@ -75,6 +75,8 @@ CLOSE_ALL = """() => {
     });
     return Promise.race([Promise.all(ends), new Promise(over => setTimeout(over, 10_000))]).then(() => ends.length);
 }"""
+#: What anywidget says when a page was too busy; the benches hear nevertheless (labkit.bench.heard).
+IMPATIENT = "[anywidget] Failed to initialize model."
 #: What the picture shows of a bar chart: where its bars are.
 BARS = "figure => figure.data.filter(t => t.type === 'bar' && t.base).map(t => [Array.from(t.base), Array.from(t.x)])"
 VIEWPORT = {"width": 1600, "height": 900}

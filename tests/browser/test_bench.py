@@ -6,7 +6,7 @@ import nbformat
 import pytest
 from playwright.sync_api import expect
 
-from tests.browser.conftest import SHUT_DOWN, TOKEN
+from tests.browser.conftest import IMPATIENT, SHUT_DOWN, TOKEN
 
 pytestmark = pytest.mark.browser
 
@@ -55,6 +55,7 @@ explore(Rolling)
 WIDTHS = """bench => [bench.querySelector('.lab-plot').clientWidth, bench.querySelector('.main-svg').clientWidth]"""
 SIDE_BAR = "() => { window.jupyterapp.commands.execute('application:toggle-left-area') }"
 SAVE = "() => { window.jupyterapp.commands.execute('docmanager:save') }"
+KERNEL = {"kernelspec": {"name": "python3", "display_name": "Python 3 (ipykernel)", "language": "python"}}
 RESTART = "() => { window.jupyterapp.shell.currentWidget.sessionContext.session.kernel.restart() }"
 
 
@@ -64,9 +65,8 @@ def bench_of(open_notebook, tmp_path):
 
     def opener(*more: str, lift: bool = True):
         cells = [nbformat.v4.new_code_cell(code.strip()) for code in (ROLLING, *more)]
-        metadata = {"kernelspec": {"name": "python3", "display_name": "Python 3 (ipykernel)", "language": "python"}}
         path = tmp_path / "rolling.ipynb"
-        nbformat.write(nbformat.v4.new_notebook(cells=cells, metadata=metadata), path)
+        nbformat.write(nbformat.v4.new_notebook(cells=cells, metadata=KERNEL), path)
         nb = open_notebook(path)
         nb.run_all(lift=lift)
         nb.figure()
@@ -199,6 +199,34 @@ def test_an_error_is_shown_beside_a_stale_picture_and_goes_when_it_is_mended(ben
     expect(bench.get_by_role("alert")).to_have_count(0)
     code(bench, "Rolling()")
     expect(field).to_have_value("")
+
+
+#: anywidget's 2 s for the code of a widget are over at once, as on a page that is busy with others.
+NO_PATIENCE = (
+    "() => { const real = window.patience = AbortSignal.timeout; AbortSignal.timeout = () => real.call(AbortSignal, 0) }"
+)
+PATIENCE = "() => { AbortSignal.timeout = window.patience }"
+
+
+def test_a_page_too_busy_to_load_its_code_in_time_shows_the_bench_and_hears_what_comes(open_notebook, tmp_path):
+    path = tmp_path / "busy.ipynb"
+    last = "from labkit import OwnTaskSet, task_set_editor\ntask_set_editor(OwnTaskSet)"
+    cells = [nbformat.v4.new_code_cell(code.strip()) for code in (ROLLING, last)]
+    nbformat.write(nbformat.v4.new_notebook(cells=cells, metadata=KERNEL), path)
+    nb = open_notebook(path)
+    nb.page.evaluate(NO_PATIENCE)
+    complaints = []
+    nb.page.on("pageerror", lambda error: complaints.append(str(error)))
+    try:
+        nb.run_all()
+    finally:
+        nb.page.evaluate(PATIENCE)
+    rolling, editor = nb.page.locator(".lab-bench").nth(0), nb.page.locator(".lab-bench").nth(1)
+    expect(rolling.locator(".lab-code")).to_have_text("Rolling()")
+    nb.slider(".lab-level", "ArrowRight")
+    expect(rolling.locator(".lab-code")).to_have_text("Rolling(level=2)")
+    expect(editor.locator(".lab-table tbody tr")).not_to_have_count(0)
+    assert set(complaints) == {IMPATIENT}, "the time was not over, and nothing was tried"
 
 
 def test_a_zoom_moves_the_parameters_it_stands_for(bench_of):

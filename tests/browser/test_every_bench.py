@@ -19,6 +19,7 @@ from labkit import experiments
 from labkit.bench.plot import cards
 from labkit.experiment import Experiment, Parameter
 from tests.bench.test_bench import plain
+from tests.browser.conftest import IMPATIENT
 
 pytestmark = pytest.mark.browser
 
@@ -270,6 +271,6 @@ def test_every_bench_draws_what_the_model_gives_and_fits(open_notebook, notebook
             if "LAB_SHOTS" in os.environ:  # for the eye
                 nb.screenshot(f"{notebook[:2]}_{i}_{width}")
             nb.page.keyboard.press("Escape")
-    assert complaints == []
+    assert set(complaints) <= {IMPATIENT}
     assert not faults, "\n".join(faults)
     nb.as_at_first = True
