@@ -42,7 +42,7 @@ const render = ({ model, el }) => {
     const told = make("pre", "lab-told", account);
 
     let shown = null, pinned = null, kept = [], large = false, width = 0, height = 0, drawing = false, waiting = false;
-    let gone = false, asked = false, timer = 0, arrived = true, bench = null;
+    let gone = false, asked = false, timer = 0, arrived = true, bench = null, fitted = "";
 
     const draw = async () => {
         if (drawing) { waiting = true; return; }
@@ -131,10 +131,15 @@ const render = ({ model, el }) => {
         if (!large) bench.scrollIntoView({ block: "nearest" });
         resize();
     };
-    // A choice that is longer than its field is written smaller there.
-    const fit = () => {
+    // A choice that is longer than its field is written smaller there. Measuring makes the browser lay out the page, so it is not
+    // done for the same choices again; `anew` when the room is another.
+    const fit = (anew) => {
+        const fields = [...el.closest(".lab-bench")?.querySelectorAll("select") ?? []];
+        const chosen = fields.map((field) => field.selectedOptions[0]?.text ?? "").join("\n");
+        if (!anew && chosen === fitted) return;
+        fitted = chosen;
         const pen = document.createElement("canvas").getContext("2d");
-        for (const field of el.closest(".lab-bench")?.querySelectorAll("select") ?? []) {
+        for (const field of fields) {
             field.style.fontSize = "";
             const { fontSize, fontFamily } = getComputedStyle(field);
             pen.font = `${fontSize} ${fontFamily}`;
@@ -198,7 +203,7 @@ const render = ({ model, el }) => {
         const { clientWidth, clientHeight } = picture;
         if (!clientWidth || (clientWidth === width && (!large || clientHeight === height) && canvas.style.transform === "" === !large)) return;
         [width, height] = [clientWidth, clientHeight];
-        fit();
+        fit(true);
         draw();
     };
     const observer = new ResizeObserver(resize);

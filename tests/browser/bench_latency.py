@@ -93,6 +93,7 @@ def test_slider_to_picture(benchmark, open_notebook, name, tmp_path):
     nb = open_notebook(copy)
     nb.run_all(120_000)
     bench = nb.page.locator(".lab-bench").filter(has=nb.page.locator(".lab-code", has_text=re.compile(rf"^{name}\("))).first
+    bench.scroll_into_view_if_needed()
     bench.locator(".main-svg").first.wait_for()
     nb.page.wait_for_timeout(3000)
     figure = bench.locator(".js-plotly-plot")

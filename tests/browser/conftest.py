@@ -38,8 +38,7 @@ FLAGS = [  # as root and without a graphics card; quiet towards the network
     "--disable-component-update",
     "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1",
 ]
-SETTINGS = {  # every cell stays in the page, no dialog comes up, nothing is asked outside
-    "notebook-extension/tracker": {"windowingMode": "none"},
+SETTINGS = {  # no dialog comes up, nothing is asked outside
     "docmanager-extension/plugin": {"autosave": False},
     "apputils-extension/notification": {"fetchNews": "false", "checkForUpdates": False},
 }
@@ -95,8 +94,8 @@ class Notebook:
     A test that has put every bench back to where it started sets `as_at_first`: the next one of this notebook may take it over.
     """
 
-    def __init__(self, name: str, page: Page, external: list[str], shots: Path) -> None:
-        self.name, self.page, self.external, self._shots = name, page, external, shots
+    def __init__(self, name: str, page: Page, external: list[str]) -> None:
+        self.name, self.page, self.external = name, page, external
         self.as_at_first = False
 
     def run_all(self, timeout: float = 60_000, lift: bool = True) -> None:
@@ -128,16 +127,21 @@ class Notebook:
         return handle
 
     def figure(self, index: int = 0) -> Locator:
-        """The plotly figure by its place in the page, once it is drawn."""
-        figure = self.page.locator(".js-plotly-plot").nth(index)
+        """The plotly figure by its place in the page: scrolled to, as what is out of sight is not drawn, and drawn."""
+        if self.page.locator(".lab-picture").count():
+            place = self.page.locator(".lab-picture").nth(index)
+            place.scroll_into_view_if_needed()
+            figure = place.locator(".js-plotly-plot")
+        else:
+            figure = self.page.locator(".js-plotly-plot").nth(index)
         figure.locator(".main-svg").first.wait_for()
         return figure
 
-    def screenshot(self, name: str) -> Path:
-        """Save what is on the screen as NAME.png in the folder LAB_SHOTS, or in the test's own."""
-        path = self._shots / f"{name}.png"
-        self.page.screenshot(path=path)
-        return path
+    def screenshot(self, name: str) -> None:
+        """For the eye: save what is on the screen, once it is at rest, as NAME.png in the folder LAB_SHOTS, if that is named."""
+        if "LAB_SHOTS" in os.environ:
+            self.page.wait_for_timeout(900)
+            self.page.screenshot(path=Path(os.environ["LAB_SHOTS"], f"{name}.png"))
 
 
 def changed(nb: Notebook, figure: Locator, before: list) -> list:
@@ -229,7 +233,7 @@ def _wait_for(url: str, server: subprocess.Popen, log: Path) -> None:
 
 
 @pytest.fixture(scope="package")
-def lab_page(lab: Lab, chromium: Browser) -> Iterator[Callable[[str | Path, Path], Notebook]]:
+def lab_page(lab: Lab, chromium: Browser) -> Iterator[Callable[[str | Path], Notebook]]:
     """JupyterLab in a page, loaded once for all tests: opens a fresh copy of a notebook in place of the one before."""
     page = chromium.new_page(viewport=VIEWPORT)
     external: list[str] = []
@@ -242,12 +246,12 @@ def lab_page(lab: Lab, chromium: Browser) -> Iterator[Callable[[str | Path, Path
         if not HERE_ONLY.match(socket.url):
             external.append(socket.url)
 
-    def opener(notebook: str | Path, shots: Path) -> Notebook:
+    def opener(notebook: str | Path) -> Notebook:
         page.evaluate(CLOSE_ALL)  # the kernels, too, else they pile up until the session ends
         shutil.copy(NOTEBOOKS / notebook, lab.root)
         page.evaluate(OPEN, Path(notebook).name)
         page.wait_for_function(READY, arg=Path(notebook).name, timeout=60_000, polling=100)
-        return Notebook(Path(notebook).name, page, external, shots)
+        return Notebook(Path(notebook).name, page, external)
 
     page.route(re.compile(r"^https?://(?!127\.0\.0\.1:)"), refuse)
     page.on("websocket", watch)
@@ -259,15 +263,11 @@ def lab_page(lab: Lab, chromium: Browser) -> Iterator[Callable[[str | Path, Path
 
 
 @pytest.fixture
-def open_notebook(
-    lab_page: Callable[[str | Path, Path], Notebook], last: list[Notebook], tmp_path: Path
-) -> Iterator[Callable[[str | Path], Notebook]]:
+def open_notebook(lab_page: Callable[[str | Path], Notebook], last: list[Notebook]) -> Iterator[Callable[[str | Path], Notebook]]:
     """`open_notebook("01_priority_inversion.ipynb")`, or the path of any other notebook: opens a fresh copy of it."""
-    shots = Path(os.environ.get("LAB_SHOTS", tmp_path))
-    shots.mkdir(parents=True, exist_ok=True)
 
     def opener(notebook: str | Path) -> Notebook:
-        last[:] = [lab_page(notebook, shots)]
+        last[:] = [lab_page(notebook)]
         return last[0]
 
     yield opener

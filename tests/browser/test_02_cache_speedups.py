@@ -11,20 +11,6 @@ DIAMONDS = """figure => figure.data.filter(t => t.name === 'measured (source 1)'
     .filter(x => x !== null).length"""
 
 
-def pictures(nb, name):
-    """For the eye, in the folder LAB_SHOTS: each bench as it is, and as a hall sees it."""
-    benches = nb.page.locator(".lab-bench")
-    for i in range(benches.count()):
-        bench = benches.nth(i)
-        bench.evaluate("bench => bench.scrollIntoView({ block: 'start' })")
-        nb.page.wait_for_timeout(700)
-        assert nb.screenshot(f"{name}_{i}").stat().st_size > 20_000
-        bench.locator(".lab-lecture-switch").click()
-        nb.page.wait_for_timeout(700)
-        assert nb.screenshot(f"{name}_{i}_lecture").stat().st_size > 20_000
-        nb.page.keyboard.press("Escape")
-
-
 def until(nb, read, wanted):
     """Wait until `read()` is `wanted`."""
     for _ in range(100):
@@ -38,7 +24,6 @@ def test_cache_speedups(run_notebook):
     nb = run_notebook("02_cache_speedups.ipynb")
     benches = nb.page.locator(".lab-bench")
     expect(benches).to_have_count(7)
-    pictures(nb, "02")
 
     guess = nb.figure(3)
     assert guess.evaluate(DIAMONDS) == 0

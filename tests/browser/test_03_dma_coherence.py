@@ -3,8 +3,6 @@
 import pytest
 from playwright.sync_api import expect
 
-from tests.browser.test_02_cache_speedups import pictures
-
 pytestmark = pytest.mark.browser
 
 CELLS = "figure => figure.data[1].text.slice(3 * 64, 3 * 64 + 32).join('')"  # what the DMA lane of the first bench shows
@@ -12,7 +10,6 @@ CELLS = "figure => figure.data[1].text.slice(3 * 64, 3 * 64 + 32).join('')"  # w
 
 def test_step_slider_and_switches_move_the_lanes(run_notebook):
     nb = run_notebook("03_dma_coherence.ipynb")
-    pictures(nb, "03")
     first, session = ":nth-match(.lab-bench, 1)", ":nth-match(.lab-bench, 4)"
     card = nb.page.locator(f"{first} .lab-metric")
     figure = nb.figure(0)

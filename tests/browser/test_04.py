@@ -34,6 +34,5 @@ def test_trace_sink(run_notebook):
     torn.locator(".lab-frames .noUi-handle").press("ArrowRight")
     expect(torn.locator(".lab-code")).to_contain_text("frames=120")
     torn.locator(".lab-picture").evaluate("picture => picture.scrollIntoView({ block: 'start' })")
-    nb.page.wait_for_timeout(500)
     nb.screenshot("04_torn")
     expect(nb.page.locator(".lab-error")).to_have_count(0)

@@ -9,6 +9,7 @@ pytestmark = pytest.mark.browser
 def test_micro_ros(run_notebook):
     nb = run_notebook("06_micro_ros_vs_freertos.ipynb")
     rate = nb.page.locator(".lab-bench").nth(0)
+    rate.scroll_into_view_if_needed()
     expect(rate.locator(".lab-metric").first).to_be_visible(timeout=60_000)
     three = rate.locator(".lab-metrics").inner_text()
     rate.locator(".lab-executors select").select_option(index=1)
@@ -21,7 +22,6 @@ def test_micro_ros(run_notebook):
     rate.locator(".lab-reliable input").check()
     expect(rate.locator(".lab-code")).to_contain_text("reliable=True", timeout=60_000)
     rate.locator(".lab-picture").evaluate("picture => picture.scrollIntoView({ block: 'start' })")
-    nb.page.wait_for_timeout(4000)
     nb.screenshot("06_reliable")
 
     handle = rate.locator(".lab-round-trip .noUi-handle")

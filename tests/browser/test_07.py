@@ -93,6 +93,5 @@ def edit_the_table(nb):
     expect(table.locator("tbody tr")).to_have_count(3)
     expect(own.locator(".lab-bar .lab-metric").last).to_contain_text("45.83 %")
     own.locator(".lab-lecture-switch").click()
-    nb.page.wait_for_timeout(800)
     nb.screenshot("07_own_set_lecture")
     nb.page.keyboard.press("Escape")

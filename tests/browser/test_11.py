@@ -8,7 +8,6 @@ pytestmark = pytest.mark.browser
 
 def show(bench) -> None:
     bench.evaluate("bench => bench.scrollIntoView({ block: 'start' })")
-    bench.page.wait_for_timeout(900)
 
 
 def shown(bench, name: str) -> int:
@@ -42,7 +41,6 @@ def test_laser_pipeline(run_notebook):
     press(scan, "speed", "ArrowRight", 12)
     expect(scan.locator(".lab-code")).to_contain_text("speed=3.0")
     expect(scan.locator(".lab-metrics")).to_contain_text("0balls found")
-    nb.page.wait_for_timeout(600)
     nb.screenshot("11_comb")
     scan.locator(".lab-rotations select").select_option(index=0)
     expect(scan.locator(".lab-metrics")).to_contain_text("1balls found")
@@ -55,7 +53,6 @@ def test_laser_pipeline(run_notebook):
     nb.screenshot("11_stages")
     press(stages, "edges-time", "ArrowLeft", 4)
     expect(stages.locator(".lab-code")).to_contain_text("edges_time=0.75")
-    nb.page.wait_for_timeout(600)
     nb.screenshot("11_aborted")
 
     show(views)

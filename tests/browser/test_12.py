@@ -8,7 +8,6 @@ pytestmark = pytest.mark.browser
 
 def show(bench) -> None:
     bench.evaluate("bench => bench.scrollIntoView({ block: 'start' })")
-    bench.page.wait_for_timeout(900)
 
 
 def test_kalman_fusion(run_notebook):
@@ -36,7 +35,6 @@ def test_kalman_fusion(run_notebook):
     assert two.locator(".js-plotly-plot").evaluate(shown) != before
     two.locator(".lab-stamp select").select_option(index=1)
     expect(two.locator(".lab-metrics")).not_to_contain_text("3.263 cm")
-    nb.page.wait_for_timeout(500)
     nb.screenshot("12_read")
 
     circle, gate, crossing, claims = (benches.nth(i) for i in range(1, 5))
@@ -51,7 +49,6 @@ def test_kalman_fusion(run_notebook):
     nb.screenshot("12_crossing")
     crossing.locator(".lab-rule select").select_option(index=1)
     expect(crossing.locator(".lab-metrics")).to_contain_text("25track switches")
-    nb.page.wait_for_timeout(500)
     nb.screenshot("12_crossing_source")
     show(claims)
     nb.screenshot("12_claims")

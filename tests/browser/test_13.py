@@ -8,7 +8,6 @@ pytestmark = pytest.mark.browser
 
 def show(bench) -> None:
     bench.evaluate("bench => bench.scrollIntoView({ block: 'start' })")
-    bench.page.wait_for_timeout(900)
 
 
 def press(bench, slider: str, key: str, times: int) -> None:
@@ -38,7 +37,6 @@ def test_distributed_fusion(run_notebook):
     nb.screenshot("13_ghost")
     press(levels, "stations", "ArrowRight", 2)
     expect(levels.locator(".lab-code")).to_contain_text("stations=4")
-    nb.page.wait_for_timeout(1500)
     nb.screenshot("13_four")
 
     show(wrong)

@@ -5,7 +5,6 @@ picture behind; what can be played goes one step on; the bench is reset; lecture
 """
 
 import json
-import os
 import re
 import time
 from collections.abc import Iterator
@@ -268,8 +267,7 @@ def test_every_bench_draws_what_the_model_gives_and_fits(open_notebook, notebook
         nb.page.set_viewport_size({"width": width, "height": height})
         for i, bench in enumerate(benches_of(nb.page)):
             lecture(bench, f"{notebook}: bench {i} at {width}x{height}", faults)
-            if "LAB_SHOTS" in os.environ:  # for the eye
-                nb.screenshot(f"{notebook[:2]}_{i}_{width}")
+            nb.screenshot(f"{notebook[:2]}_{i}_{width}")
             nb.page.keyboard.press("Escape")
     assert set(complaints) <= {IMPATIENT}
     assert not faults, "\n".join(faults)
