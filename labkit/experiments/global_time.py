@@ -142,7 +142,7 @@ class ClockSync(Experiment[SyncRun]):
         """A row for each slave; with many of them only every second one is named."""
         slaves = range(1, self.stations)
         return axis(
-            "",
+            "lost",
             range=[0.4 - self.stations, -0.4],
             tickvals=[-i for i in slaves],
             ticktext=[self._named(i) if self.stations <= 4 or i % 2 else "" for i in slaves],

@@ -42,10 +42,10 @@ from labkit.checks import whole
 
 Delivery = Literal["agreed", "at once", "silence is no", "silence is yes"]
 DELIVERIES: dict[Delivery, str] = {
-    "agreed": "on the verdict; who cannot know it leaves",
+    "agreed": "on the verdict, or leave",
     "at once": "as soon as it is there",
-    "silence is no": "on the verdict; unknown means rejected",
-    "silence is yes": "on the verdict; unknown means accepted",
+    "silence is no": "verdict; unknown: rejected",
+    "silence is yes": "verdict; unknown: accepted",
 }
 MOST_STATIONS = 64
 MOST_DEGREE = 32
