@@ -158,6 +158,7 @@ def axis(title: str, **more: Any) -> Spec:
         "linecolor": GREY,
         "ticks": "outside",
         "automargin": True,
+        "ticklabeloverflow": "allow",  # else plotly measures every label at every step
     } | more
 
 
