@@ -14,10 +14,10 @@ from typing_extensions import Doc
 from labkit.data import published_table
 from labkit.experiment import Experiment, Feedback, Labels, Metric
 from labkit.experiments.global_time import MS, US, Seed, thinned
-from labkit.figures import BLUE, GREEN, INK, VERMILION, Curve, Panel, axis, curves, held, stack
+from labkit.figures import BLUE, GREEN, INK, ORANGE, Curve, Panel, axis, curves, held, stack
 from labkit.network import CORRECTIONS, Correction, Plan, period_starts
 
-COLOUR: dict[Correction, str] = {"none": VERMILION, "differences": BLUE, "absolute": GREEN}
+COLOUR: dict[Correction, str] = {"none": ORANGE, "differences": BLUE, "absolute": GREEN}
 DASH: dict[Correction, str] = {"none": "solid", "differences": "solid", "absolute": "dot"}
 #: Reading errors in us at which the curve is computed.
 READ_ERRORS = (0, 25, 50, 75, 100, 125, 150, 200)

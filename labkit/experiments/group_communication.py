@@ -10,7 +10,7 @@ from annotated_types import Interval, Unit
 from typing_extensions import Doc
 
 from labkit.experiment import Experiment, Feedback, Metric, View
-from labkit.figures import BLUE, GREY, ORANGE, SKY, VERMILION, Bar, Curve, axis, curves, held, lengths, stack, stacked
+from labkit.figures import BLUE, GREY, INK, ORANGE, SKY, VERMILION, Bar, Curve, axis, curves, held, lengths, stack, stacked
 from labkit.network import BYTE_NS, FRAME_NS, WAYS, Conversation, GilbertElliott, Loss, Way, converse, fragment_count, reaches_all
 
 MS = 1_000_000
@@ -164,7 +164,7 @@ class OmissionDegrees(Experiment[Degrees]):
 
     def figure(self, result: Degrees) -> dict[str, Any]:
         x = axis("omission degree OD", range=[0.8, 5.2], dtick=1)
-        wanted = Curve("wanted", [0.8, 5.2], [self.wanted] * 2, VERMILION, "dot")
+        wanted = Curve("wanted", [0.8, 5.2], [self.wanted] * 2, INK, "dot")
         formula = Curve("reaches all, by formula", DEGREES, result.formula, GREY, "dash")
         share = Curve("delivered to all, simulated", DEGREES, result.share, BLUE)
         bound = Curve("bound", DEGREES, result.bound, GREY, "dash")
