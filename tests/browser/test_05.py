@@ -25,7 +25,7 @@ def test_tick_rates(run_notebook):
     assert 0 < low < high < 60
     nb.screenshot("05_zoomed")
 
-    before = rates.locator(".lab-metrics").inner_text()
+    before = rates.locator(".lab-metrics").text_content()
     rates.locator(".lab-scopes input").check()
     expect(rates.locator(".lab-code")).to_contain_text("scopes=True")
     expect(rates.locator(".lab-metrics")).not_to_have_text(before)

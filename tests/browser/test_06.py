@@ -11,10 +11,10 @@ def test_micro_ros(run_notebook):
     rate = nb.page.locator(".lab-bench").nth(0)
     rate.scroll_into_view_if_needed()
     expect(rate.locator(".lab-metric").first).to_be_visible(timeout=60_000)
-    three = rate.locator(".lab-metrics").inner_text()
+    three = rate.locator(".lab-metrics").text_content()
     rate.locator(".lab-executors select").select_option(index=1)
     expect(rate.locator(".lab-code")).to_contain_text("executors='one'", timeout=60_000)
-    assert rate.locator(".lab-metrics").inner_text() != three
+    assert rate.locator(".lab-metrics").text_content() != three
     expect(rate.locator(".lab-metrics")).to_contain_text("1\u202f000 Hz")
     nb.screenshot("06_one")
 

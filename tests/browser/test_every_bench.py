@@ -114,7 +114,7 @@ def benches_of(page: Page) -> Iterator[Bench]:
 
 def experiment_of(bench: Bench) -> Experiment:
     """What the code line says, made afresh here."""
-    code = bench.find(".lab-code").inner_text()
+    code = bench.find(".lab-code").text_content()
     name = re.match(r"\w+", code)[0]
     return eval(code, {name: getattr(experiments, name)})
 
@@ -188,7 +188,7 @@ def pinned(bench: Bench, parameter: Parameter, before: Experiment) -> Experiment
     bench.click(".lab-pin")
     after = move(bench, parameter, before)
     settled(bench, after.code())
-    assert line.inner_text() == f"pinned: {before.code()}"
+    assert line.text_content() == f"pinned: {before.code()}"
     both = bench.element.evaluate(f"bench => {traces}")
     assert both > alone, f"{before.code()}: nothing of the pinned picture is left behind the new one"
     bench.click(".lab-pin")
@@ -201,7 +201,7 @@ def played(bench: Bench, experiment: Experiment) -> Experiment:
     """One step forward, or back from the end, where there is something to play; what the bench has to show then."""
     if not bench.find(".lab-transport").is_visible():
         return experiment
-    assert bench.find(".lab-says").inner_text() or bench.find(".annotation-text"), (
+    assert bench.find(".lab-says").text_content() or bench.find(".annotation-text"), (
         f"{experiment.code()}: nothing says what happens"
     )
     bench.click(".lab-back" if at_the_end(experiment) else ".lab-forward")
