@@ -121,8 +121,8 @@ def page() -> nbformat.NotebookNode:
             cells.append(new_markdown_cell(f"{before}**Example {number}.** {example.sentence}"))
             cells += [_run(code, names, group.file.name) for code in example.cells]
             before = ""
-    for number, cell in enumerate(cells):
-        cell.id = f"s{number:02}"
+    for at, cell in enumerate(cells):
+        cell.id = f"s{at:02}"
     kernel = {"display_name": "Python 3 (ipykernel)", "language": "python", "name": "python3"}
     return new_notebook(cells=cells, metadata={"kernelspec": kernel})
 

@@ -33,6 +33,7 @@ def test_an_example_is_short_and_runs_by_itself(group, capsys):
     assert about.endswith(".") and found
     for example in found:
         assert example.sentence.endswith(".") and sum(len(cell.splitlines()) for cell in example.cells) <= 20
+        assert "k.advance(" in example.cells[-1] and "print(" in "".join(example.cells)
     runpy.run_path(str(group.file))
     assert len(capsys.readouterr().out.splitlines()) >= len(found)
 
