@@ -110,6 +110,7 @@ class Core:
         """
         tick, time_slicing, rings, prices = self.tick, self.time_slicing, self.ready.rings, self.prices
         rows, delayed, devices, urgent = self.journal.rows, self.delayed, self.devices.lowest, self.devices.urgent
+        free = not (self.every_tick or self.switch_cost)  # neither ticks nor switches take time
         self.until = until
         if self.now < until:
             self.handle_interrupts(self.tick_due())  # those at the very end of the call before
@@ -124,13 +125,16 @@ class Core:
                         request = task.send(task.result)
                     except StopIteration:
                         request = END
-                    if type(request) is int and request >= 0:
-                        task.remaining, task.computed, task.result = request, now, None
-                    elif type(request) is tuple:
+                    if type(request) is tuple:
                         service, arguments = request
                         if prices:
                             self.spend(prices.get(service, 0), SERVICE_COST)
                         service(self, task, *arguments)
+                    elif type(request) is int and request >= 0:
+                        task.computed, task.result = now, None
+                        if request:
+                            task.remaining = request
+                            break
                     else:
                         raise ValueError(f"task {task.name!r} yielded {request!r}; requests and cycles from 0 on are allowed")
                 if self.now != now:
@@ -168,7 +172,12 @@ class Core:
                 if due > now:
                     task.remaining = end - due
                     self.now = due
-                self.handle_interrupts(tick_due)
+                if free and not (urgent or held or (devices and devices[0][0] <= due)):  # the same in short: just a tick is due
+                    self.count_tick((due - self.origin) // tick)
+                    if self.switch_wanted:
+                        self.reschedule()
+                else:
+                    self.handle_interrupts(tick_due)
             else:
                 task.remaining = end - until
                 self.now = until

@@ -274,8 +274,10 @@ class ReadyLists:
     def select(self) -> Task:
         """The next task of the highest priority that has one; there always is one, the idle task."""
         ring = self.rings[self.occupied.bit_length() - 1]
-        if len(ring) == 2 and (task := ring[1]) is not SENTINEL:
-            return task  # once around
+        if len(ring) == 2:
+            if ring[1] is SENTINEL:
+                ring.reverse()
+            return ring[1]  # once around
         task = ring.pop(0)
         if task is SENTINEL:
             task = ring.pop(0)
