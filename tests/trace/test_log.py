@@ -460,6 +460,20 @@ def test_a_glued_or_binary_line_is_no_task(line):
     assert accounts_for_every_line(report)
 
 
+@pytest.mark.parametrize(
+    "line", ["IDLE 30 1odom 35 1", "x 30 1y 35 1", "IDLE 30 1 odom 35 1", "IDLE 30odom 35 1", "IDLEodom 35 1"]
+)
+def test_a_glued_line_of_a_short_log_is_no_task(line):
+    trace, report = read_log(f"IDLE 0 1\nIDLE 10 0\n{line}\nodom 20 1\nodom 25 0\n")
+    assert trace.names == ("IDLE", "odom") and [problem.line for problem in report.problems] == [3]
+
+
+@pytest.mark.parametrize("name", ["odom2", "odom 1", "motor 1 0", "IDLE 1 of 2", "w_odom", "odometry"])
+def test_a_name_that_a_short_log_has_once_is_a_task(name):
+    trace, report = read_log(f"IDLE 0 1\nIDLE 10 0\nodom 20 1\nodom 25 0\n{name} 35 1\n")
+    assert name in trace.names and report.rejected == 0
+
+
 def test_bytes_that_are_no_text_are_no_task_unless_they_are_one_all_along():
     trace, report = read_log(RING.encode() + b"\xff\xfe\x80 105 1\n")
     assert trace.names == ("IDLE", "odom") and (report.rejected, report.problems[-1].line) == (1, 121)

@@ -1,7 +1,8 @@
 """Names that are none: two lines of a log run together where a line end was lost, or bytes that are no text.
 
 A line such as `IDLE 5 1odom 7 1` has the form of a stamp, and its name would be a task of its own that never ends. It is told
-from a task by the names that the rest of the log has: it is rare, and made of pieces of them.
+from a task by the names that the rest of the log has: it is rare, and made of pieces of them. In a log so short that nothing in
+it is frequent, a name of a single stamp is none if there is a stamp in it, or if it is made of whole names.
 """
 
 from __future__ import annotations
@@ -31,13 +32,25 @@ def suspects(names: Sequence[str], counts: np.ndarray) -> dict[int, str]:
     """
     common = {name: int(count) for name, count in zip(names, counts) if count >= _OFTEN}
     starts, ends = _pieces(common, first=True), _pieces(common, first=False)
+    pairs = {name for name, count in zip(names, counts) if count > 1}
     found = {}
     for code, (name, count) in enumerate(zip(names, counts.tolist())):
         if "\ufffd" in name and count == 1:
             found[code] = "has bytes that are not UTF-8, and is there only once"
-        elif len(name) <= _LONGEST and _run_together(name, _TIMES * count, common, starts, ends):
+        elif len(name) <= _LONGEST and (
+            _run_together(name, _TIMES * count, common, starts, ends) or (count == 1 and _once_run_together(name, pairs))
+        ):
             found[code] = "looks like two lines run together"
     return found
+
+
+def _once_run_together(name: str, pairs: set[str]) -> bool:
+    """Whether a name that is there once has a stamp in it, or is two of the names that are there more often."""
+    if (parts := _STAMP_INSIDE.fullmatch(name)) and parts["after"]:
+        return True
+    if (parts := _TIME_INSIDE.fullmatch(name)) and {parts["before"], parts["after"]} <= pairs:
+        return True
+    return any(name[:at] in pairs and name[at:] in pairs for at in range(1, len(name)))
 
 
 def _pieces(common: dict[str, int], first: bool) -> dict[str, int]:
