@@ -164,8 +164,9 @@ class Bench(w.VBox):
     # The door
 
     def _moved(self, _: Any) -> None:
+        """A control has another value, or the page says again what it was told, as 5.000000000000001: that is nothing new."""
         with self._door:
-            if not self._held:
+            if not self._held and (self._error or self._asked() != self._wanted.model_dump()):
                 self._update()
 
     def _answer(self, content: Mapping[str, Any]) -> None:
@@ -199,10 +200,14 @@ class Bench(w.VBox):
             wanted = self.controls[p.name].value + steps * (p.step or 1) if steps else p.low
             self.set(**{p.name: _within(p, wanted)})
 
+    def _asked(self) -> dict[str, Any]:
+        """What the controls say, by parameter."""
+        return {p.name: on_grid(p, self.controls[p.name].value) for p in self._parameters}
+
     def _update(self) -> None:
         """Get what the controls ask for: from the result there is, if only its view changes, else from a new run."""
         try:
-            wanted = self._start.replace(**{p.name: on_grid(p, self.controls[p.name].value) for p in self._parameters})
+            wanted = self._start.replace(**self._asked())
             if self._running and wanted.same_run(self._wanted):
                 self._wanted = wanted  # the run under way is the right one
                 return

@@ -68,6 +68,7 @@ const load = async (buffer) => {
         window.define = define;
         URL.revokeObjectURL(address);
         shared.lib = window.Plotly;
+        answerable(shared.lib);
         shared.resolve(shared.lib);
     };
     document.head.append(script);

@@ -1,4 +1,4 @@
-// The page's side of labkit.bench.plot, behind figure.js and cards.js: everything a bench shows, drawn from one message.
+// The page's side of labkit.bench.plot, behind figure.js, zoom.js and cards.js: everything a bench shows, drawn from one message.
 //
 // From the kernel: {kind: "show", figure, cards, code, idle, plays, ended, status} with arrays as buffers, {kind: "status", status}
 // alone while a run is under way or fails, {kind: "veil", veiled}, {kind: "plotly"} with plotly's code. To the kernel: {want},
@@ -42,7 +42,8 @@ const render = ({ model, el }) => {
     const told = make("pre", "lab-told", account);
 
     let shown = null, pinned = null, kept = [], large = false, width = 0, height = 0, drawing = false, waiting = false;
-    let gone = false, asked = false, timer = 0, arrived = true, bench = null, fitted = "";
+    let gone = false, timer = 0, arrived = true, bench = null, fitted = "", settle = () => {};
+    let aim = null, asked = false, waits = false;  // the newest wish for a window; whether an answer is awaited, a newer wish waits
 
     const draw = async () => {
         if (drawing) { waiting = true; return; }
@@ -61,6 +62,7 @@ const render = ({ model, el }) => {
                 const size = large ? { width: Math.floor(width / scale), height: Math.floor(height / scale) } : { width, height: own };
                 const first = !canvas.classList.contains("js-plotly-plot");
                 canvas.style.transform = large ? `scale(${scale})` : "";
+                settle();
                 await lib.react(canvas, [...behind, ...kept.map((i) => data[i])],
                     { ...layout, font: { ...layout.font, size: layout.font?.size ?? FONT }, ...size },
                     { displayModeBar: false, responsive: false, showTips: false });
@@ -74,14 +76,20 @@ const render = ({ model, el }) => {
         canvas.on("plotly_click", ({ points: [point] }) => {
             if (kept[point.curveNumber] >= 0 && point.data.meta?.set) model.send({ click: [kept[point.curveNumber], point.pointNumber] });
         });
-        canvas.on("plotly_relayout", (change) => {
-            if (!shown?.figure.layout.meta?.range || asked) return;
-            const range = change["xaxis.range"] ?? [change["xaxis.range[0]"], change["xaxis.range[1]"]];
-            if (change["xaxis.autorange"]) model.send({ range: null });
-            else if (range[0] !== undefined) model.send({ range });
-            else return;
-            asked = true;  // until the answer is there
-        });
+        settle = gestures(canvas, () => (shown.figure.layout.meta?.range ? aim ?? shown.figure.layout.xaxis.range : null), wish);
+    };
+    // A window of the x axis: one wish is on its way at a time, and of those that come meanwhile the newest follows.
+    const wish = (range) => {
+        aim = range;
+        if (asked) { waits = true; return; }
+        asked = true;
+        model.send({ range });
+    };
+    const answered = () => {
+        asked = false;
+        if (!waits) { aim = null; return; }
+        waits = false;
+        wish(aim);
     };
     const save = () => window.labkitPlotly?.lib?.downloadImage(canvas,
         { format: "png", scale: 2, filename: code.textContent.replace(/[^\w.=-]+/g, "_").slice(0, 80) });
@@ -186,8 +194,14 @@ const render = ({ model, el }) => {
         if (message.kind === "plotly") return void load(buffers[0]);
         if (message.kind === "veil") return cover(message.veiled);
         tell(message.status);
-        if (message.kind !== "show") return;
-        asked = false;
+        if (message.kind !== "show") {
+            if (asked && message.status.error) {  // the window stays what it was
+                answered();
+                draw();
+            }
+            return;
+        }
+        answered();
         arrived = true;
         const figure = unpack(message.figure, buffers);
         put(news, shown ? moved(shown.figure.layout, figure.layout).join(", ") : "");

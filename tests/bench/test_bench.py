@@ -12,7 +12,7 @@ from labkit.bench import bench as module
 from labkit.bench.controls import on_grid
 from labkit.bench.plot import cards, pack
 from labkit.experiment import Experiment, Metric, ParameterError
-from labkit.experiments import experiments
+from labkit.experiments import OwnRecording, experiments
 from tests.bench.toys import Rolling, SlowRolling
 
 
@@ -178,6 +178,21 @@ def test_a_zoom_sets_the_parameters_of_the_axis_within_their_bounds():
     bench.plot._received(None, {"range": [30, 40]}, ())
     bench.plot._received(None, {"range": None}, ())
     assert bench.experiment == Rolling()
+
+
+def test_what_the_page_says_again_is_not_shown_again():
+    """A slider in the page answers a new position by the same number, added up from its steps."""
+    bench = explore(OwnRecording)
+    sent = page_of(bench)
+    bench.plot._received(None, {"range": [3331.204, 6662.401]}, ())
+    assert len(sent) == 2 and (bench.experiment.start, bench.experiment.end) == (3331.2, 6662.4)
+    bench.controls["start"].value = 3331.2000000000003
+    bench.controls["end"].value = 6662.400000000001
+    assert len(sent) == 2
+    bench.controls["start"].value = 3331.21
+    assert len(sent) == 3 and bench.experiment.start == 3331.21
+    bench.plot._received(None, {"range": [3331.21, 6662.4]}, ())  # a zoom is answered, even by the same picture
+    assert len(sent) == 4
 
 
 def test_steps_go_through_what_plays_and_stop_at_its_ends():

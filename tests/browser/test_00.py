@@ -1,5 +1,6 @@
 """Notebook 00 as a person meets it: guess, move sliders, name, drop or choose a recording, zoom it; a long one in pieces."""
 
+import math
 import shutil
 
 import pytest
@@ -31,6 +32,16 @@ CHOOSE = """(field, [name, size]) => {
     field.dispatchEvent(new Event('change'));
 }"""
 RANGE = "figure => figure.layout.xaxis.range"
+#: Counts how often plotly draws, from now on.
+COUNT = "figure => { figure.drawn = 0; figure.on('plotly_afterplot', () => { figure.drawn += 1 }) }"
+#: How often since it was last asked, when nothing has come for half a second.
+DRAWN = """async figure => {
+    const rest = () => new Promise((resolve) => setTimeout(resolve, 500));
+    let before = -1;
+    while (before !== figure.drawn) { before = figure.drawn; await rest(); }
+    figure.drawn = 0;
+    return before;
+}"""
 
 
 def test_a_recording_of_ones_own(run_notebook, lab):
@@ -67,6 +78,7 @@ def test_a_recording_of_ones_own(run_notebook, lab):
     bench.scroll_into_view_if_needed()
     nb.screenshot("00_dropped")
 
+    figure.evaluate(COUNT)
     box = figure.locator(".nsewdrag").first.bounding_box()
     nb.page.mouse.move(box["x"] + 0.25 * box["width"], box["y"] + 20)
     nb.page.mouse.down()
@@ -75,6 +87,7 @@ def test_a_recording_of_ones_own(run_notebook, lab):
     expect(line).to_contain_text("start=")
     low, high = figure.evaluate(RANGE)
     assert low == pytest.approx(50, abs=2) and high == pytest.approx(100, abs=2)
+    assert figure.evaluate(DRAWN) == 1, "a gesture is drawn once"
     axis = figure.locator(".ewdrag").first.bounding_box()
     nb.page.mouse.move(axis["x"] + 0.5 * axis["width"], axis["y"] + 5)
     nb.page.mouse.down()
@@ -82,6 +95,24 @@ def test_a_recording_of_ones_own(run_notebook, lab):
     nb.page.mouse.up()
     nb.page.wait_for_function("low => document.querySelectorAll('.js-plotly-plot')[1].layout.xaxis.range[0] > low + 5", arg=low)
     assert figure.evaluate(RANGE)[1] - figure.evaluate(RANGE)[0] == pytest.approx(high - low, abs=0.01)
+    assert figure.evaluate(DRAWN) == 1
+    low, high = figure.evaluate(RANGE)
+    nb.page.mouse.move(box["x"] + 0.25 * box["width"], box["y"] + 20)
+    nb.page.mouse.wheel(0, -100)  # scrolls the page
+    assert figure.evaluate(DRAWN) == 0
+    bench.scroll_into_view_if_needed()
+    box = figure.locator(".nsewdrag").first.bounding_box()
+    nb.page.mouse.move(box["x"] + 0.25 * box["width"], box["y"] + 20)
+    nb.page.keyboard.down("Control")
+    nb.page.mouse.wheel(0, -100)
+    nb.page.keyboard.up("Control")
+    assert figure.evaluate(DRAWN) == 1
+    closer = figure.evaluate(RANGE)
+    assert closer[1] - closer[0] == pytest.approx(math.exp(-1 / 3) * (high - low), abs=0.02)
+    assert closer[0] - low == pytest.approx((high - closer[1]) / 3, abs=0.1), "what is under the mouse stays there"
+    figure.locator(".nsewdrag").first.dblclick(position={"x": 300, "y": 20})
+    expect(line).to_have_text("OwnRecording(file='dropped/board.btf')")
+    assert figure.evaluate(DRAWN) == 1
 
     figure.evaluate(DROP, ["picture.png", "\\u0089PNG"])
     expect(bench.locator(".lab-error")).to_contain_text("picture.png")
