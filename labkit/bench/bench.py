@@ -10,6 +10,7 @@ import threading
 import time
 import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -135,14 +136,15 @@ class Bench(w.VBox):
             return self._door.wait_for(lambda: not self._running, timeout)
 
     def set(self, **values: Any) -> None:
-        """Move several controls at once; the picture is drawn once. Raises ParameterError and moves nothing if a value is not
-        allowed.
+        """Move several controls at once; the picture is drawn once, and the page gets it before it moves its sliders. Raises
+        ParameterError and moves nothing if a value is not allowed.
         """
-        with self._door:
+        with self._door, ExitStack() as sliders:
             self._wanted.replace(**values)
             self._held = True
             try:
                 for name, value in values.items():
+                    sliders.enter_context(self.controls[name].hold_sync())
                     self.controls[name].value = value
             finally:
                 self._held = False
