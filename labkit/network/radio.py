@@ -11,7 +11,7 @@ that arrive damaged (their checksum makes them lost ones).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -97,26 +97,32 @@ class Radio:
         self.counts.bytes += size
         self.counts.air_ns += air
         wait = begin + air + self.delay_ns - now
-        for station in list(self._receivers):
+        reached = []
+        for station in self._receivers:
             if station == sender:
                 if echo:
-                    self._deliver(station, message, sender, wait)
+                    reached.append(station)
             elif self._channel(sender, station)():
                 self.counts.lost += 1
             else:
-                self._deliver(station, message, sender, wait)
+                reached.append(station)
+        if self.jitter_ns:
+            for station in reached:
+                self._deliver((station,), message, sender, wait + next(self._jitter(station)))
+        elif reached:
+            self._deliver(reached, message, sender, wait)
         return self.busy_until
 
-    def _deliver(self, station: int, message: Any, sender: int, wait: int) -> None:
-        if self.jitter_ns:
-            wait += next(self._jitter(station))
+    def _deliver(self, stations: Sequence[int], message: Any, sender: int, wait: int) -> None:
+        """All of them notice at one instant, in this order: a single event, as there may be many."""
 
         def arrive(_: simpy.Event) -> None:
-            receive = self._receivers.get(station)
-            if receive is not None:
-                if station != sender:
-                    self.counts.received += 1
-                receive(message, sender)
+            for station in stations:
+                receive = self._receivers.get(station)
+                if receive is not None:
+                    if station != sender:
+                        self.counts.received += 1
+                    receive(message, sender)
 
         event = self.env.timeout(wait)
         assert event.callbacks is not None, "a new event has its list of callbacks"
