@@ -33,6 +33,7 @@ from __future__ import annotations
 
 from bisect import bisect_left
 from collections.abc import Sequence
+from functools import lru_cache
 from heapq import heapify, heappop, heappush
 from math import lcm
 
@@ -249,11 +250,11 @@ def _plan(pairs: Sequence[TaskPair], jobs: Releases, until: int) -> tuple[np.nda
     begun, cycle = max(pair.offset for pair in pairs), 1
     for pair in pairs:
         cycle = min(lcm(cycle, pair.period), until)
-    slots, settled = _endless_slots(pairs, ep, min(until, begun + cycle), len(jobs))
+    slots, settled = _endless_slots(tuple(pairs), min(until, begun + cycle), len(jobs))
     if settled and begun + 2 * cycle < until:
         slots = _repeated(pairs, slots, begun, cycle, until)
     elif begun + cycle < until:
-        slots, _ = _endless_slots(pairs, ep, until, len(jobs))
+        slots, _ = _endless_slots(tuple(pairs), until, len(jobs))
     start, end, task, number = slots
     shape = len(pairs), int(max(number.max(initial=0), jobs.number.max(initial=0))) + 1
     first, rank = np.full(shape, NEVER), np.full(shape, len(jobs))
@@ -265,11 +266,13 @@ def _plan(pairs: Sequence[TaskPair], jobs: Releases, until: int) -> tuple[np.nda
 Slots = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]  # start, end, task, number of the job
 
 
-def _endless_slots(pairs: Sequence[TaskPair], ep: np.ndarray, until: int, jobs: int) -> tuple[Slots, bool]:
+@lru_cache(maxsize=16)  # a chain of phases plans the same windows in every period
+def _endless_slots(pairs: tuple[TaskPair, ...], until: int, jobs: int) -> tuple[Slots, bool]:
     """The slots of the endless plan before `until`, in order of time, and some after it; see the text of the module.
 
-    With False they are those of the pressed plan.
+    With False they are those of the pressed plan. Not to be written on: whoever asks again gets the same arrays.
     """
+    ep = np.array([pair.ep_wcet for pair in pairs])
     lookahead, load = 4 * int(ep.sum()), sum(pair.ep_wcet / pair.period for pair in pairs)
     settled = False
     while not settled:

@@ -214,7 +214,7 @@ def test_a_plan_of_copied_rounds_is_the_plan(drawn, until):
     pair_list = pairs(*drawn[0])
     ep = np.array([p.ep_wcet for p in pair_list])
     jobs = release_jobs(pair_list, until, {})
-    direct, settled = taft._endless_slots(pair_list, ep, until, len(jobs))
+    direct, settled = taft._endless_slots(tuple(pair_list), until, len(jobs))
     start, end, rank, first = taft._plan(pair_list, jobs, until)
     if not ep.any() or not settled:
         return
