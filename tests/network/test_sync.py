@@ -5,7 +5,7 @@ from itertools import cycle
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from labkit.network import Clock, Independent, Member, Rule, Scripted, precision_bound, synchronise
@@ -78,6 +78,7 @@ def test_the_precision_stays_below_its_bound_while_no_more_than_od_are_lost_in_a
 
 
 @given(setting(("rate", "drift")), st.sampled_from([0.0, 0.5, 0.9, 1.0]))
+@example(Setting((-200, 200, -200, -200), (0, -227, 0, 0), 0.5, 0, 0, Rule(500 * MS, 3, "rate"), 1275), 0.5)  # 5 ns
 @settings(max_examples=2000, deadline=None)
 def test_a_virtual_clock_never_goes_back_and_never_jumps(drawn, loss):
     run = drawn.run(rounds=16, loss=Independent(loss))
@@ -88,7 +89,8 @@ def test_a_virtual_clock_never_goes_back_and_never_jumps(drawn, loss):
         assert np.all(gained >= 0.48 * steps - 2) and np.all(gained <= 1.52 * steps + 2)
         for bend in (*clock.bends(), *rng.integers(0, run.until_ns, 20).tolist()):
             before, here, after = (clock.time(max(0, int(bend) + d)) for d in (-1, 0, 1))
-            assert before <= here <= after <= before + 4
+            # 2 ns are at most 3 of the local clock, whose reading is rounded; the correction adds half of these, rounded up
+            assert before <= here <= after <= before + 3 + 2
 
 
 # ------------------------------------------------------------------------------------------------ how good the bound is
