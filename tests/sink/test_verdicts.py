@@ -195,14 +195,15 @@ class Run:
         self.failed = False
 
     def can(self) -> list[int]:
-        off = self.memory["irq"]
-        return [
-            t
-            for t, access in enumerate(self.next)
-            if access is not None
+        return [t for t in range(len(self.next)) if self.may(t)]
+
+    def may(self, t: int) -> bool:
+        access, off = self.next[t], self.memory["irq"]
+        return (
+            access is not None
             and not (off and off != t + 1 and t <= self.ring.producers)
             and not (access.kind == Kind.WAIT and self.memory[access.variable] != access.a)
-        ]
+        )
 
     def step(self, t: int) -> None:
         access, memory = self.next[t], self.memory
@@ -260,7 +261,7 @@ def walk(run: Run, steps: int, rng: random.Random) -> Iterator[Run]:
             return
         favourite = rng.choice(ready)
         for _ in range(rng.choice((1, 1, 2, 8))):
-            if favourite in run.can() and not run.failed:
+            if run.may(favourite) and not run.failed:
                 run.step(favourite)
                 yield run
 
