@@ -9,6 +9,7 @@ as compared in V. Nguyen et al., IROS 2005. What decides the order of the splits
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Iterator
 from heapq import heapify, heappop, heappush
 
@@ -92,17 +93,17 @@ def extract_edges(points: Points, settings: Settings | None = None) -> Iterator[
     waiting = [_furthest(p, i, k) for i, k in pieces]
     cost = len(p) * VISIT_NS
     heapify(waiting)
-    whole = set(pieces)
+    whole = list(pieces)  # in order, as the points are
     while waiting and -waiting[0][0] > settings.split:
         _, i, at, k = heappop(waiting)
-        whole.remove((i, k))
-        for piece in ((i, at), (at, k)):
-            whole.add(piece)
-            heappush(waiting, _furthest(p, *piece))
+        place, halves = bisect_left(whole, (i, k)), ((i, at), (at, k))
+        whole[place : place + 1] = halves
+        for half in halves:
+            heappush(waiting, _furthest(p, *half))
         yield cost + (k - i + 1) * VISIT_NS, _edges(p, whole)
         cost = 0
 
-    merged, visits = _merge(p, sorted(whole), settings.split)
+    merged, visits = _merge(p, whole, settings.split)
     yield max(1, cost + visits * VISIT_NS), _edges(p, merged)
     yield len(p) * VISIT_NS, _fitted(p, [piece for piece in merged if piece[1] - piece[0] >= LEAST - 1])
 
@@ -119,8 +120,8 @@ def _furthest(p: np.ndarray, i: int, k: int) -> tuple[float, int, int, int]:
     return -float(off[at]), i, i + 1 + at, k
 
 
-def _edges(p: np.ndarray, pieces: object) -> Edges:
-    rows = np.array(sorted(pieces), dtype=np.int64).reshape(-1, 2)  # type: ignore[call-overload]
+def _edges(p: np.ndarray, pieces: list[tuple[int, int]]) -> Edges:
+    rows = np.array(pieces, dtype=np.int64).reshape(-1, 2)
     rows = rows[rows[:, 1] - rows[:, 0] >= LEAST - 1]
     return Edges(p[rows], rows[:, 1] - rows[:, 0] + 1)
 

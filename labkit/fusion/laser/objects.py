@@ -8,6 +8,7 @@ Source: diploma thesis on multi-stage sensor fusion (Univ. Magdeburg), section 2
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import cache
 
 import numpy as np
 
@@ -24,10 +25,12 @@ def object_filter(contours: Contours, settings: Settings | None = None) -> Itera
         for (x, y), radius, count in zip(arcs.centres.tolist(), arcs.radii.tolist(), arcs.points.tolist(), strict=True)
     )
 
+    @cache  # from one step to the next all chains but one stay as they are
+    def polygon(*chain: int) -> Polygon:
+        return _polygon(ends, support, list(chain), settings.join)
+
     def made(chains: list[list[int]]) -> Objects:
-        return Objects(
-            contours.station, contours.time_ns, tuple(_polygon(ends, support, c, settings.join) for c in chains), discs
-        )
+        return Objects(contours.station, contours.time_ns, tuple(polygon(*chain) for chain in chains), discs)
 
     chains = [[i] for i in range(len(ends))]
     yield max(1, len(ends) + len(arcs)) * VISIT_NS, made(chains)
