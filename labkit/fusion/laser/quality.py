@@ -30,11 +30,10 @@ def to_edges(xy: np.ndarray, edges: Edges) -> np.ndarray:
     """Distance of each point (n, 2) to the nearest edge, inf if there is none."""
     if not len(edges):
         return np.full(len(xy), np.inf)
-    a, along = edges.ends[:, 0], edges.ends[:, 1] - edges.ends[:, 0]
-    away = xy[:, None] - a
-    share = (away * along).sum(axis=2) / np.maximum((along**2).sum(axis=1), 1e-12)
-    off = away - np.clip(share, 0, 1)[..., None] * along
-    return np.sqrt((off**2).sum(axis=2)).min(axis=1)
+    (ax, ay), (ux, uy) = edges.ends[:, 0].T, (edges.ends[:, 1] - edges.ends[:, 0]).T
+    x, y = xy[:, :1] - ax, xy[:, 1:] - ay  # by coordinate: sums over an axis of two take five times as long
+    share = np.clip((x * ux + y * uy) / np.maximum(ux**2 + uy**2, 1e-12), 0, 1)
+    return np.sqrt(((x - share * ux) ** 2 + (y - share * uy) ** 2).min(axis=1))
 
 
 def edge_quality(points: Points, world: World, edges: Edges) -> float:
