@@ -1,8 +1,8 @@
 """The one test session: its order, and what several processes may share of it.
 
-Alone, fast tests come first, then notebooks, then the browser. `make test` has a process per core: the browser's tests of even
-and of odd notebooks, the cells of a notebook, and the tests of one experiment, which share its run, stay together, the rest goes
-anywhere.
+Alone, fast tests come first, then notebooks, then the browser. `make test` has a process per core and one more, as those that
+drive a browser mostly wait: the browser's tests of even and of odd notebooks, the cells of a notebook, and the tests of one
+experiment, which share its run, stay together, the rest goes anywhere.
 """
 
 import os
@@ -31,6 +31,11 @@ def _number(nodeid: str) -> str:
     """The number of the notebook that a browser test is about."""
     number = re.search(r"(?<!\d)\d\d(?=[._])", nodeid)
     return number[0] if number else ""
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_auto_num_workers() -> int:
+    return min(os.cpu_count() or 1, 4) + 1
 
 
 @pytest.hookimpl(optionalhook=True)
