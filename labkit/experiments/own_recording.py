@@ -55,7 +55,8 @@ class OwnRecording(Experiment[Recorded]):
     """What did your board do?
 
     The timeline of a recording: a log of stamps, the lab's own CSV, JSON of Perfetto, BTF, or Linux's ftrace as text. Drop the
-    file on the bench or write its name. Drag over the picture to zoom in, along the time axis to move; a double click shows all.
+    file on the bench or write its name. Drag over the picture to zoom in, or turn the wheel with Ctrl; drag along the time axis
+    to move; a double click shows all.
     """
 
     headline: ClassVar[tuple[str, ...]] = ("recorded", "stretches", "lines repaired or left out")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, cached_property
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
@@ -22,6 +22,7 @@ MS = CPU_HZ // 1000
 WINDOW = 100  # ms simulated for a slider
 BINARY_STAMP = 108  # cycles to put a binary stamp into the ring, 0.5 us: an assumption, nobody has measured it
 COLUMNS = 700  # of a fill curve, with a lowest and a highest value each
+CROSSES = 100  # columns for the marks at lost stamps: of more of them side by side each would cover the next
 
 RateName = Literal["50|30", "100|50", "1000", "5000|2000", "10000|5000"]
 RATE_NAMES = {name: f"{name} Hz" for name in RATES}
@@ -62,9 +63,14 @@ class Recording:
     shares: dict[str, float]
     off: float
 
+    @cached_property
+    def switches(self) -> int:
+        """How often the processor changed hands: counted once, every picture asks."""
+        return int(self.history.trace.of("switch").sum())
+
     def lost(self) -> int:
         """Stamps that never reach the host: no room in the temp buffer or in the ring."""
-        return self.sink.lost(int(self.history.trace.of("switch").sum())) if self.sink else 0
+        return self.sink.lost(self.switches) if self.sink else 0
 
     def taken(self) -> int:
         """Stamps that `profile` has taken over, and those that scopes have written."""
@@ -132,15 +138,21 @@ def window(start: float, end: float, whole: float) -> tuple[float, float]:
 
 
 def fill_panel(sink: Sink | None, low: float, high: float, **more: Any) -> Panel:
-    """Bytes in the ring from `low` to `high` in ms, and when the temp buffer lost stamps."""
+    """Bytes in the ring from `low` to `high` in ms, half as far again on either side for a drag, and when the temp buffer lost
+    stamps, once per column.
+    """
     times, fills = sink.curve() if sink else (np.zeros(1, np.int64), np.zeros(1, np.int64))
-    at, value = envelope(times / MS, fills, low, high)
+    pad = (high - low) / 2
+    left, right = low - pad, min(high + pad, max(high, times[-1] / MS))
+    at, value = envelope(times / MS, fills, left, right)
     rounds = sink.table() if sink else np.empty((0, 4), np.int64)
     bad = rounds[rounds[:, 2] + rounds[:, 3] > 0, 0] / MS
-    bad = bad[(bad >= low) & (bad <= high)][:COLUMNS]
+    bad = bad[(bad >= left) & (bad <= right)]
+    _, first = np.unique(np.floor((bad - left) * (CROSSES / (2 * pad + high - low))), return_index=True)
+    bad = bad[first]
     capacity = sink.capacity if sink else TracePath.capacity
     lost = Marks("stamps lost", bad, float(capacity), "x", VERMILION)
-    panel = steps([Steps("bytes in the ring", at, value, SKY)], "ring [bytes]", high, [lost], **more)
+    panel = steps([Steps("bytes in the ring", at, value, SKY)], "ring [bytes]", right, [lost], **more)
     panel.y.update(range=[0, 1.2 * capacity], rangemode="normal", tickvals=[0, capacity // 2, capacity], fixedrange=True)
     return panel
 
