@@ -16,7 +16,7 @@ const answerable = (lib) => lib.register({
 // `view()` is what is wished or shown now, null where the kernel does not answer. Returns what to call before the next drawing.
 const gestures = (figure, view, wish) => {
     let moved = [], rest = [], all = false;
-    const places = () => [...figure.querySelectorAll(".cartesianlayer .plot, .plotclip rect")]
+    const places = () => [...figure.querySelectorAll(".overplot > g, .plotclip rect")]
         .map((node) => [node, node.getAttribute("transform") ?? ""]);
     const put = (nodes) => nodes.forEach(([node, place]) => node.setAttribute("transform", place));
     const busy = (yes) => { figure.querySelector(".draglayer").style.pointerEvents = yes ? "none" : ""; };

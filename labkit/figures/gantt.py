@@ -36,9 +36,7 @@ BAR, THIN, STRIP = 0.6, 0.11, 0.36  # heights, in rows: a run, readiness, the st
 MOST = 2000  # marks in one Gantt; with more of them plotly needs longer than a picture may take
 COLUMNS = 700  # of the busy share: one for about two pixels
 #: The outline of a cross between -1 and 1, across and up.
-CROSS = np.array(
-    [[0, 0.7, 1, 0.3, 1, 0.7, 0, -0.7, -1, -0.3, -1, -0.7], [0.3, 1, 0.7, 0, -0.7, -1, -0.3, -1, -0.7, 0, 0.7, 1]], dtype=float
-)
+CROSS = np.array([[0, 0.6, 1, 0.4, 1, 0.6, 0, -0.6, -1, -0.4, -1, -0.6], [0.4, 1, 0.6, 0, -0.6, -1, -0.4, -1, -0.6, 0, 0.6, 1]])
 
 #: Columns of each kind of interval or event, for where there is none.
 WIDTHS = {"runs": 5, "ready": 3, "waits": 4, "holds": 4, "release": 3, "deadline": 3}

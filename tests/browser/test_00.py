@@ -34,6 +34,9 @@ CHOOSE = """(field, [name, size]) => {
 RANGE = "figure => figure.layout.xaxis.range"
 #: Counts how often plotly draws, from now on.
 COUNT = "figure => { figure.drawn = 0; figure.on('plotly_afterplot', () => { figure.drawn += 1 }) }"
+#: Where the marks of the picture are; noted when a mouse has just been let go, too.
+PLACE = "figure => figure.querySelector('.overplot > g').getAttribute('transform')"
+LET_GO = f"figure => {{ window.addEventListener('mouseup', () => {{ figure.left = ({PLACE})(figure) }}) }}"
 #: How often since it was last asked, when nothing has come for half a second.
 DRAWN = """async figure => {
     const rest = () => new Promise((resolve) => setTimeout(resolve, 500));
@@ -92,10 +95,13 @@ def test_a_recording_of_ones_own(run_notebook, lab):
     nb.page.mouse.move(axis["x"] + 0.5 * axis["width"], axis["y"] + 5)
     nb.page.mouse.down()
     nb.page.mouse.move(axis["x"] + 0.25 * axis["width"], axis["y"] + 5, steps=5)
+    figure.evaluate(LET_GO)
     nb.page.mouse.up()
     nb.page.wait_for_function("low => document.querySelectorAll('.js-plotly-plot')[1].layout.xaxis.range[0] > low + 5", arg=low)
     assert figure.evaluate(RANGE)[1] - figure.evaluate(RANGE)[0] == pytest.approx(high - low, abs=0.01)
     assert figure.evaluate(DRAWN) == 1
+    left, rest = figure.evaluate("figure => figure.left"), figure.evaluate(PLACE)
+    assert left != rest, "until it is drawn anew, a picture stays where it was dragged to, as its axis does"
     low, high = figure.evaluate(RANGE)
     nb.page.mouse.move(box["x"] + 0.25 * box["width"], box["y"] + 20)
     nb.page.mouse.wheel(0, -100)  # scrolls the page
