@@ -7,6 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from labkit.bench.plot import pack
+from labkit.experiments import tick_rates
 from labkit.experiments.listings import Listings, begins, check_next_gap, excerpt
 from labkit.experiments.robot_path import PathAgainstRate, RobotPath, check_whole_way
 from labkit.experiments.tick_bound import TICKS, TickBound, check_tick_bound
@@ -195,3 +197,23 @@ def test_exercises_ask_the_model():
     bound = TickBound(caches=False).bounds()[1]
     assert check_tick_bound(round(bound)).solved
     assert not check_tick_bound(1000).solved and not check_tick_bound(1_080_000).solved
+
+
+def test_no_window_of_a_long_run_sends_more_than_a_screen_shows(monkeypatch):
+    monkeypatch.setattr(tick_rates, "CROSSES", 20)  # a second loses stamps in a hundred places
+    run = LongRun(rates="10000|5000", seconds=1)
+    found = run.run()
+    rounds = found.sink.table()
+    lost = rounds[rounds[:, 2] + rounds[:, 3] > 0, 0] * 1e3 / CPU_HZ
+    for start, end in ((0, 1000), (250, 750), (400, 500), (400, 403), (400, 400.5)):
+        drawn = run.replace(start=float(start), end=float(end)).figure(found)
+        buffers: list[memoryview] = []
+        pack(drawn, buffers)
+        assert sum(each.nbytes for each in buffers) < 320_000  # 1402 corners of eight curves and 300 crosses
+        elements = [len(t["x"]) for t in drawn["data"] if t["type"] == "bar" or t["mode"] == "markers"]
+        assert sum(elements) <= 2000
+        marked = next(t["x"] for t in drawn["data"] if t.get("name") == "stamps lost")
+        there = lost[(lost >= start) & (lost <= end)]
+        assert len(marked) <= 21
+        for each in there:  # somewhere in its twentieth of what is drawn
+            assert np.abs(marked - each).min() <= (end - start) * 2 / 20
