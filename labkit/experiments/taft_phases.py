@@ -31,7 +31,7 @@ from labkit.phases import (
     run_design,
     windows,
 )
-from labkit.trace import Trace, jobs
+from labkit.trace import Trace
 
 PERIODS, SHOWN = 60, 2  # of the six designs: periods run under the same load, periods drawn
 LONGEST_PERIOD = 130  # ms, of experiment 1 with the longest expected time there is
@@ -255,8 +255,7 @@ class Timeliness(Experiment[Experiment1]):
         """What was left between the end of each job, exception parts included, and its deadline, in ms: of the contour filter's
         parts, and of all others. A job that was late has less than 0.
         """
-        trace = result.run.trace
-        table = jobs(trace)
+        trace, table = result.run.trace, result.jobs
         ended = (table.completion >= 0) & (table.job < len(result.times.main))
         mine = np.isin(table.task, [trace.code(p.name) for p in result.chain if p.phase == CONTOUR])
         left = (table.deadline - table.completion) * (1e3 / trace.hz)

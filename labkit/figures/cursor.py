@@ -10,6 +10,9 @@ from labkit.figures.history import EXCEPTION, History
 from labkit.figures.style import INK, Spec
 from labkit.trace import OVERHEADS, Trace, overheads
 
+#: Rows of a trace of which a picture shows all, so that what is asked for here is known already.
+SHORT = 5000
+
 
 def cursor(at: float, yref: str = "paper") -> Spec:
     """The line, as a shape of the picture whose panels share their x axis, or with "y domain" as one of a panel."""
@@ -32,7 +35,7 @@ def happening(trace: Trace | History, tasks: Sequence[str], at: float, labels: M
     if now >= trace.end:
         return "the end of what was simulated"
     known = {trace.names.index(name): (labels or {}).get(name, name) for name in tasks if name in trace.names}
-    part = history.part(known, now, now + 1)
+    part = history if len(trace) <= SHORT else history.part(known, now, now + 1)
     events = {"is released": part.releases, "misses its deadline": part.misses, "is aborted": part.aborts}
     said = []
     for task, name in known.items():

@@ -28,7 +28,7 @@ from labkit.checks import whole
 from labkit.phases.designs import DesignRun, PhaseTimes, run_design
 from labkit.phases.windows import Part
 from labkit.scheduler import ExecutionModel, fit_log_normal, log_normal
-from labkit.trace import jobs
+from labkit.trace import Jobs, jobs
 
 MS = 1_000_000
 PERIOD_NS, RESERVE_NS = 100 * MS, 2 * MS
@@ -94,11 +94,12 @@ class Experiment1:
     """One station's 400 periods: the run, what happened to each part in each period, and the counts.
 
     `aborted_periods` counts periods in which the contour filter was aborted, `aborted_parts` its aborts (two parts may be in one
-    period), `other_aborts` those of all other phases, `missed` deadlines missed.
+    period), `other_aborts` those of all other phases, `missed` deadlines missed. `jobs`: what became of each job of the run.
     """
 
     run: DesignRun
     times: PhaseTimes
+    jobs: Jobs
     chain: list[Part]
     load: np.ndarray
     aborted_periods: int
@@ -123,14 +124,15 @@ def experiment_1(
     run = run_design(chain, "taft windows", load, period_ns, reserve_ns)
     mine = np.array([part.phase == CONTOUR for part in chain])
     aborted = run.times.aborted >= 0
-    late = jobs(run.trace)
+    table = jobs(run.trace)
     return Experiment1(
         run,
         run.times,
+        table,
         chain,
         load,
         int(aborted[:, mine].any(axis=1).sum()),
         int(aborted[:, mine].sum()),
         int(aborted[:, ~mine].sum()),
-        int(np.sum(late.missed & (late.job < periods))),
+        int(np.sum(table.missed & (table.job < periods))),
     )
