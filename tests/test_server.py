@@ -3,6 +3,7 @@
 import asyncio
 import re
 import subprocess
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -53,7 +54,8 @@ def told(monkeypatch: pytest.MonkeyPatch, *, cause: str, pause: float, channel: 
             await asyncio.sleep(pause)
         await asyncio.sleep(1.5 * BUSY_AFTER)
 
-    asyncio.run(work())
+    with ThreadPoolExecutor(1) as thread:  # in this one a browser's event loop may run
+        thread.submit(asyncio.run, work()).result()
     return passed
 
 

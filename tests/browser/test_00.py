@@ -36,7 +36,7 @@ RANGE = "figure => figure.layout.xaxis.range"
 COUNT = "figure => { figure.drawn = 0; figure.on('plotly_afterplot', () => { figure.drawn += 1 }) }"
 #: Where the marks of the picture are; noted when a mouse has just been let go, too.
 PLACE = "figure => figure.querySelector('.overplot > g').getAttribute('transform')"
-LET_GO = f"figure => {{ window.addEventListener('mouseup', () => {{ figure.left = ({PLACE})(figure) }}) }}"
+LET_GO = f"figure => {{ window.addEventListener('mouseup', () => {{ figure.left = ({PLACE})(figure) }}, {{ once: true }}) }}"
 #: How often since it was last asked, when nothing has come for half a second.
 DRAWN = """async figure => {
     const rest = () => new Promise((resolve) => setTimeout(resolve, 500));
