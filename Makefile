@@ -47,9 +47,9 @@ lab: $(LAB)
 	$(JUPYTER_ENV) $(VENV)/bin/python -m jupyterlab $(AS_ROOT) $(OFFLINE) $(QUICK) \
 	    --ServerApp.root_dir="$(CURDIR)" --LabApp.default_url=/lab/tree/$(NOTEBOOK)
 
-# How many processes there are, and what stays together, is said in tests/conftest.py.
+# A process per core, four at most; see tests/conftest.py.
 test: $(TOOLS)
-	$(VENV)/bin/python -m pytest -n auto
+	$(VENV)/bin/python -m pytest -n auto --maxprocesses 4
 
 check: $(TOOLS)
 	$(VENV)/bin/python -m ruff format --check .

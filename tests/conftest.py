@@ -1,7 +1,7 @@
 """The one test session: its order, and what several processes may share of it.
 
-Alone, fast tests come first, then notebooks, then the browser. `make test` has a process per core and one more, as those that
-drive a browser mostly wait: the browser's tests of even and of odd notebooks, the cells of a notebook, and the tests of one
+Alone, fast tests come first, then notebooks, then the browser. `make test` has a process per core: the browser's tests of even
+and of odd notebooks, the cells of a notebook, the lines of the README, which read each other's files, and the tests of one
 experiment, which share its run, stay together, the rest goes anywhere.
 """
 
@@ -34,11 +34,6 @@ def _number(nodeid: str) -> str:
 
 
 @pytest.hookimpl(optionalhook=True)
-def pytest_xdist_auto_num_workers() -> int:
-    return min(os.cpu_count() or 1, 4) + 1
-
-
-@pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config: pytest.Config, log: object) -> object:
     from xdist.scheduler import LoadScopeScheduling
 
@@ -51,6 +46,6 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: object) -> object:
                 return "even" if int(_number(nodeid) or 1) % 2 == 0 else "odd"
             if file.endswith("/test_every_experiment.py"):
                 return test[test.find("[") :]
-            return file if file.endswith(".ipynb") else nodeid
+            return file if file.endswith((".ipynb", "/test_readme.py")) else nodeid
 
     return Together(config, log)
