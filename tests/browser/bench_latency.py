@@ -71,15 +71,27 @@ def quantiles(times: list[float]) -> tuple[float, float]:
     return round(statistics.median(times), 1), round(times[int(0.95 * len(times))], 1)
 
 
-def move(page, slider, moves: int) -> tuple[float, float]:
-    """Press keys on a slider, one after the other has been painted; median and 95 % in ms."""
+def move(page, control, moves: int, keys: tuple[str, str] = ("ArrowRight", "ArrowLeft")) -> tuple[float, float]:
+    """Press keys on a control, four of a kind, one after the other has been painted; median and 95 % in ms."""
     page.evaluate("() => { window.waits = [] }")
-    handle = slider.locator(".noUi-handle")
+    handle = control.locator(".noUi-handle, input[type=checkbox]").first
     handle.focus()
     for n in range(moves):
-        handle.press("ArrowRight" if n // 4 % 2 == 0 else "ArrowLeft")
+        handle.press(keys[n // 4 % 2])
         page.wait_for_function("n => window.waits.length > n", arg=n, polling="raf", timeout=20_000)
     return quantiles(page.evaluate("() => window.waits")[3:])
+
+
+def watched(nb, name):
+    """The bench of an experiment and its picture, at rest and with a clock on them."""
+    bench = nb.page.locator(".lab-bench").filter(has=nb.page.locator(".lab-code", has_text=re.compile(rf"^{name}\("))).first
+    bench.scroll_into_view_if_needed()
+    bench.locator(".main-svg").first.wait_for()
+    nb.page.wait_for_timeout(3000)
+    figure = bench.locator(".js-plotly-plot")
+    nb.page.evaluate(WATCH)
+    figure.evaluate(HEAR)
+    return bench, figure
 
 
 @pytest.mark.parametrize("name", BENCHES)
@@ -92,13 +104,7 @@ def test_slider_to_picture(benchmark, open_notebook, name, tmp_path):
     nbformat.write(content, copy)
     nb = open_notebook(copy)
     nb.run_all(120_000)
-    bench = nb.page.locator(".lab-bench").filter(has=nb.page.locator(".lab-code", has_text=re.compile(rf"^{name}\("))).first
-    bench.scroll_into_view_if_needed()
-    bench.locator(".main-svg").first.wait_for()
-    nb.page.wait_for_timeout(3000)
-    figure = bench.locator(".js-plotly-plot")
-    nb.page.evaluate(WATCH)
-    figure.evaluate(HEAR)
+    bench, figure = watched(nb, name)
     found = {}
 
     def press():
@@ -109,3 +115,23 @@ def test_slider_to_picture(benchmark, open_notebook, name, tmp_path):
     found["empty react"] = quantiles(figure.evaluate(NOTHING))
     benchmark.extra_info |= {f"{what}, median and 95 % in ms": times for what, times in found.items()}
     print("\n", name, found)
+
+
+def test_a_window_of_ten_kilohertz(benchmark, open_notebook):
+    """Goal: as for every other bench. The slider moves the window; the box is one that has the 100 ms simulated anew."""
+    nb = open_notebook("05_tick_rates.ipynb")
+    nb.run_all(180_000)
+    bench, figure = watched(nb, "TickRates")
+    bench.locator(".lab-rates select").select_option(label="10000|5000 Hz")
+    bench.locator(".lab-code", has_text="10000|5000").wait_for()
+    nb.page.wait_for_timeout(2000)
+    found = {}
+
+    def press():
+        found["window moved, key to painted"] = move(nb.page, bench.locator(".lab-start"), MOVES)
+
+    benchmark.pedantic(press, rounds=1)
+    found["simulated anew, key to painted"] = move(nb.page, bench.locator(".lab-caches"), MOVES, ("Space", "Space"))
+    found["empty react"] = quantiles(figure.evaluate(NOTHING))
+    benchmark.extra_info |= {f"{what}, median and 95 % in ms": times for what, times in found.items()}
+    print("\n 10 kHz", found)
