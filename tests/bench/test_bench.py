@@ -60,7 +60,7 @@ class Fresh:
 
     def result(self, experiment: Experiment):
         for other, result in self._results:
-            if experiment.same_run(other):
+            if experiment == other:
                 return result
         self._results.append((experiment, experiment.run()))
         return self._results[-1][1]
