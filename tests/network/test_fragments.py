@@ -1,10 +1,11 @@
 """Long messages in short packets: whatever happens to the packets, a message comes out whole, once, or not at all."""
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from labkit.network.fragments import HEADER, MOST_BYTES, OPEN, ROOM, Message, Reassembly, fragment_count, fragments
+from tests.network.many import many
 
 
 def together(packets) -> list[Message]:
@@ -21,21 +22,20 @@ def test_there_and_back(size, count):
     assert together(packets) == [message] == together(packets[::-1])
 
 
-@settings(max_examples=2000)
-@given(
-    st.lists(st.binary(max_size=60), min_size=1, max_size=4),
-    st.randoms(use_true_random=False),
-    st.integers(0, 8),
-    st.integers(0, 8),
-)
-def test_lost_doubled_and_shuffled_packets_tear_nothing(texts, random, losses, doubles):
+def drawn_texts(rng):
+    return [rng.randbytes(rng.choice([0, 1, rng.randint(2, 59), 60])) for _ in range(rng.randint(1, 4))], rng
+
+
+@many(drawn_texts)
+def test_lost_doubled_and_shuffled_packets_tear_nothing(texts, rng):
+    losses, doubles = rng.randint(0, 8), rng.randint(0, 8)
     messages = [Message(n, 1000 + n, text * 100) for n, text in enumerate(texts)]
     packets = [packet for message in messages for packet in fragments(message)]
     kept = packets.copy()
     for _ in range(min(losses, len(kept))):
-        kept.remove(random.choice(kept))
-    sent = kept + [random.choice(kept) for _ in range(doubles if kept else 0)]
-    random.shuffle(sent)
+        kept.remove(rng.choice(kept))
+    sent = kept + [rng.choice(kept) for _ in range(doubles if kept else 0)]
+    rng.shuffle(sent)
     found = together(sent)
     whole = [m for m in messages if all(packet in kept for packet in fragments(m))]
     assert sorted(found, key=lambda m: m.number) == whole

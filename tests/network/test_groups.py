@@ -1,12 +1,11 @@
 """Group communication: what no loss can break, what the assumption guarantees, and what it costs to do without."""
 
+import random
 from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from labkit.network import (
     AccessPoint,
@@ -21,6 +20,7 @@ from labkit.network import (
     converse,
     reaches_all,
 )
+from tests.network.many import many
 
 
 class Played:
@@ -78,24 +78,33 @@ class Played:
             assert all(a <= b for a, b in stays) and all(one[1] <= other[0] for one, other in pairwise(stays))
 
 
-groups = st.builds(Group, st.integers(2, 5), st.integers(1, 3))
-losses = st.sampled_from([0.0, 0.02, 0.1, 0.3, 0.6, 0.9, 1.0])
+LOSSES = [0.0, 0.02, 0.1, 0.3, 0.6, 0.9, 1.0]
 
 
-@settings(max_examples=2000)
-@given(groups, losses, losses, st.integers(0, 2**32), st.data())
-def test_whatever_is_lost_nobody_disagrees_and_nothing_comes_late(group, up, down, seed, data):
-    late = tuple(i for i in range(1, group.stations) if data.draw(st.integers(0, 4)) == 0)
-    rng, played = np.random.default_rng(seed), Played(group, late)
-    for slot in range(int(rng.integers(3, 16)) * group.stations):
-        played.turn(slot, rng.random() >= up, list(rng.random(group.stations) >= down))
+def drawn_group(rng) -> Group:
+    return Group(rng.randint(2, 5), rng.randint(1, 3))
+
+
+def drawn_losses(rng):
+    group = drawn_group(rng)
+    late = tuple(i for i in range(1, group.stations) if rng.random() < 0.2)
+    return group, late, rng.choice(LOSSES), rng.choice(LOSSES), rng.randint(3, 15), rng.getrandbits(32)
+
+
+@many(drawn_losses)
+def test_whatever_is_lost_nobody_disagrees_and_nothing_comes_late(group, late, up, down, rounds, seed):
+    played, slots = Played(group, late), rounds * group.stations
+    rng = np.random.default_rng(seed)
+    heard, received = rng.random(slots) >= up, rng.random((slots, group.stations)) >= down
+    for slot, (answered, got) in enumerate(zip(heard.tolist(), received.tolist())):
+        played.turn(slot, answered, got)
     played.check_agreement()
 
 
 class WithinAssumption:
     """Losses as wild as drawn, but never more than OD in a row of an exchange with a station, or in the broadcasts of a slot."""
 
-    def __init__(self, group: Group, loss: float, rng: np.random.Generator):
+    def __init__(self, group: Group, loss: float, rng: random.Random):
         self.group, self.loss, self.rng = group, loss, rng
         self.row: dict[tuple[str, int, int], int] = {}
 
@@ -106,12 +115,9 @@ class WithinAssumption:
         return not lost
 
 
-@settings(max_examples=2000)
-@given(groups, losses, st.integers(0, 2**32))
-def test_within_the_assumption_everything_is_delivered_by_all_in_time(group, loss, seed):
-    rng, played = np.random.default_rng(seed), Played(group)
-    radio = WithinAssumption(group, loss, rng)
-    n, talk = group.stations, int(rng.integers(2, 10))
+@many(lambda rng: (drawn_group(rng), rng.choice(LOSSES), rng.randint(2, 9), rng.getrandbits(32)))
+def test_within_the_assumption_everything_is_delivered_by_all_in_time(group, loss, talk, seed):
+    played, radio, n = Played(group), WithinAssumption(group, loss, random.Random(seed)), group.stations
     for slot in range((talk + group.bound_rounds) * n):
         source = slot % n
         heard = radio.through("exchange", source, source)
@@ -196,18 +202,22 @@ def test_how_far_an_omission_degree_carries(loss, degree, receivers, share):
     assert np.mean(~lost.all(axis=2).any(axis=1)) == pytest.approx(share, abs=0.005)
 
 
-@settings(max_examples=2000)
-@given(
-    st.sampled_from(["plain", "acknowledged", "agreed"]),
-    st.integers(2, 4),
-    st.integers(1, 3),
-    st.sampled_from([0, 722, 1483, 1484, 3000]),
-    st.sampled_from([0.0, 0.1, 0.3, 0.6]),
-    st.sampled_from([1, 5, 30]),
-    st.integers(0, 10_000),
-    st.dictionaries(st.integers(0, 1), st.integers(0, 6), max_size=1),
-    st.dictionaries(st.integers(0, 1), st.integers(0, 6), max_size=1),
-)
+def drawn_talk(rng):
+    late, silent = ({rng.randint(0, 1): rng.randint(0, 6)} if rng.random() < 0.5 else {} for _ in range(2))
+    return (
+        rng.choice(["plain", "acknowledged", "agreed"]),
+        rng.randint(2, 4),
+        rng.randint(1, 3),
+        rng.choice([0, 722, 1483, 1484, 3000]),
+        rng.choice([0.0, 0.1, 0.3, 0.6]),
+        rng.choice([1, 5, 30]),
+        rng.randint(0, 10_000),
+        late,
+        silent,
+    )
+
+
+@many(drawn_talk)
 def test_on_the_radio_nothing_is_late_and_a_group_agrees(way, stations, degree, size, loss, longer, seed, late, silent):
     said = converse(way, stations, degree, size, 5, 20_000_000, GilbertElliott.bursts(loss, longer), seed, late, silent)
     assert said.latest_ns() is None or said.latest_ns() <= said.bound_ns
