@@ -11,8 +11,8 @@ the window and ends after it belongs to job -1.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -126,10 +126,12 @@ def slices(trace: Trace) -> Slices:
     owner, exception = owners(trace)
     task, part = owner[names], exception[names].astype(np.int64)
     numbers = _numbers(trace.extra[_rows(trace, "release", "complete", "abort")])
-    rank = _main_jobs(trace, numbers, task, row)
-    if exception.any():
-        rank = np.where(part == MAIN, rank, _exception_jobs(trace, numbers, names, task, row))
-    job = np.append(numbers, -1)[rank]
+    job = np.full(len(task), -1)
+    if len(numbers):  # a log of switches knows no jobs
+        rank = _main_jobs(trace, numbers, task, row)
+        if exception.any():
+            rank = np.where(part == MAIN, rank, _exception_jobs(trace, numbers, names, task, row))
+        job = np.append(numbers, -1)[rank]
     costs = (trace.kind == CODE["overhead"]) & (trace.value > 0)
     if costs.any():
         begin = trace.time[costs]
@@ -149,6 +151,9 @@ def jobs(trace: Trace) -> Jobs:
     owner, _ = owners(trace)
     rows = {kind: _rows(trace, kind) for kind in ("release", "deadline", "complete", "abort")}
     told = np.concatenate(list(rows.values()))
+    if not len(told):  # a log knows no jobs
+        columns: dict[str, Any] = dict.fromkeys((field.name for field in fields(Jobs)), np.empty(0, np.int64))
+        return Jobs(**columns | {"missed": np.empty(0, bool), "names": trace.names})
     numbers = _numbers(trace.extra[told])
     span = len(numbers) + 1
     keys, place = np.unique(owner[trace.task[told]] * span + _rank(numbers, trace.extra[told]), return_inverse=True)
@@ -250,17 +255,17 @@ class _Events:
     def __init__(self, trace: Trace, numbers: np.ndarray, *kinds: str):
         row = _rows(trace, *kinds)
         self.row = row[np.argsort(trace.task[row], kind="stable")]
-        self.task, self.value = trace.task[self.row], trace.value[self.row]
-        self.job = _rank(numbers, trace.extra[self.row])
+        task, job = trace.task[self.row], _rank(numbers, trace.extra[self.row])
         self._rows, self._jobs = len(trace) + 1, len(numbers) + 1
-        self._by_row = self.task * self._rows + self.row
-        self._by_job = np.argsort(self.task * self._jobs + self.job, kind="stable")
-        self._job_keys = (self.task * self._jobs + self.job)[self._by_job]
+        self._by_row = task * self._rows + self.row
+        keys = task * self._jobs + job
+        by_job = np.argsort(keys, kind="stable")
+        self._job_keys, self._by_job = keys[by_job], np.append(by_job, -1)
+        self.task, self.job, self.value = (np.append(column, -1) for column in (task, job, trace.value[self.row]))
 
     def _get(self, column: np.ndarray, at: np.ndarray, task: np.ndarray) -> np.ndarray:
-        found = (at >= 0) & (at < len(column))
-        at = np.where(found, at, len(column))
-        return np.where(np.append(self.task, -1)[at] == task, np.append(column, -1)[at], -1)
+        """What stands there, where that is of the task; before the first row and after the last one stands -1."""
+        return np.where(self.task[at] == task, column[at], -1)
 
     def last(self, task: np.ndarray, row: np.ndarray) -> np.ndarray:
         """Job of the last event of the task up to this row, -1: none."""
@@ -272,8 +277,7 @@ class _Events:
 
     def following(self, task: np.ndarray, job: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The lowest job of the task above this one, and the value of its event; -1: none."""
-        at = np.searchsorted(self._job_keys, task * self._jobs + job, side="right")
-        at = np.append(self._by_job, len(self.row))[at]
+        at = self._by_job[np.searchsorted(self._job_keys, task * self._jobs + job, side="right")]
         return self._get(self.job, at, task), self._get(self.value, at, task)
 
     def value_of(self, task: np.ndarray, job: np.ndarray) -> np.ndarray:

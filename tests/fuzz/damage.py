@@ -43,9 +43,9 @@ def damaged_json(rng: random.Random, samples: list[bytes]) -> bytes:
     """Valid JSON with one to three values or keys replaced, doubled or left out; now and then broken text."""
     if rng.random() < 0.4:
         return damaged(rng, samples)
-    data = copy.deepcopy(json.loads(rng.choice(samples)))
+    data = json.loads(rng.choice(samples))
     for _ in range(rng.randint(1, 3)):
-        places = [(node, key) for node in _containers(data) for key in (node if isinstance(node, dict) else range(len(node)))]
+        places = _places(data)
         if not places:
             break
         node, key = rng.choice(places)
@@ -64,11 +64,15 @@ def damaged_json(rng: random.Random, samples: list[bytes]) -> bytes:
     return json.dumps(data).encode()
 
 
-def _containers(node):
-    if isinstance(node, dict | list):
-        yield node
-        for inner in node.values() if isinstance(node, dict) else node:
-            yield from _containers(inner)
+def _places(data) -> list[tuple[dict | list, str | int]]:
+    """Every container in it and every key there, from outside to inside and in order."""
+    places, open_ = [], [data] if isinstance(data, dict | list) else []
+    while open_:
+        node = open_.pop()
+        at = list(node) if isinstance(node, dict) else range(len(node))
+        places += [(node, key) for key in at]
+        open_ += [node[key] for key in reversed(at) if isinstance(node[key], dict | list)]
+    return places
 
 
 def damaged_npz(rng: random.Random, samples: list[bytes]) -> bytes:
