@@ -8,6 +8,7 @@ from pathlib import Path
 
 import nbformat
 from nbclient import NotebookClient
+from nbval.plugin import coalesce_streams
 
 NOTEBOOKS = Path(__file__).parents[2] / "notebooks"
 
@@ -21,7 +22,7 @@ def store(path: Path) -> None:
         cell.metadata.pop("execution", None)  # time stamps
         if cell.cell_type == "code":
             compared = "NBVAL_CHECK_OUTPUT" in cell.source
-            cell.outputs = [plain(output) for output in cell.outputs] if compared else []
+            cell.outputs = [plain(output) for output in coalesce_streams(cell.outputs)] if compared else []
             cell.execution_count = 1 if compared else None
     nbformat.write(notebook, path)
 
