@@ -2,7 +2,7 @@
 
 Alone, fast tests come first, then notebooks, then the browser. `make test` has a process per core: the browser's tests of even
 and of odd notebooks, the cells of a notebook, the lines of the README, which read each other's files, and the tests of one
-experiment, which share its run, stay together, the rest goes anywhere.
+experiment, which share its run, stay together, and so do those that share a run of nbval; the rest goes anywhere.
 """
 
 import os
@@ -46,6 +46,6 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: object) -> object:
                 return "even" if int(_number(nodeid) or 1) % 2 == 0 else "odd"
             if file.endswith("/test_every_experiment.py"):
                 return test[test.find("[") :]
-            return file if file.endswith((".ipynb", "/test_readme.py")) else nodeid
+            return file if file.endswith((".ipynb", "/test_readme.py", "/test_nbval.py")) else nodeid
 
     return Together(config, log)

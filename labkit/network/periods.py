@@ -174,25 +174,31 @@ def period_starts(
     period, reserve, half = plan.period_ns, plan.reserve_ns, plan.period_ns // 2
     if (len(errors) + 2) * period * max(1, int(np.abs(ppb).max(initial=0))) >= 1 << 62:
         raise ValueError(f"{len(errors)} periods of {period} ns are too long for whole numbers of 64 bits; fewer are allowed")
-    absolute = np.array([kind == "absolute" for kind in kinds])
-    runs = np.broadcast_to(np.array([kind != "none" for kind in kinds]), errors.shape) & ~_mask(unread, errors)
-    makes = ~_mask(lost, errors)
-    always, first = bool(np.all(runs == runs[0])), set(np.argmax(runs, axis=0).tolist())
+    runs, makes = ~_mask(unread, errors), ~_mask(lost, errors)
+    initial = np.broadcast_to(initial_ns, ppb.shape).tolist()
 
     local = np.empty((len(errors) + 1, len(ppb)), np.int64)
     wanted, shifted = np.zeros((2, *errors.shape), np.int64)
-    start = local[0] = period + np.broadcast_to(initial_ns, ppb.shape)  # (5.3) at 0, a multiple: one period ahead
-    ahead = np.zeros(len(ppb), np.int64)  # l - g of the last pair that was read
-    for i in range(len(errors)):
-        now = start + (period - reserve)
-        gap = _gained(now, ppb) - errors[i]  # l_i - g_i
-        if i in first:  # no pair before this one
-            ahead = np.where(runs[i] & (runs[: i + 1].sum(axis=0) == 1), gap, ahead)
-        late = (now - gap + (reserve + half)) % period - half  # the next start, as far as one knows
-        wanted[i] = np.where(absolute, -late, gap - ahead) * runs[i]
-        shifted[i] = np.maximum(wanted[i], -plan.shift_ns) * makes[i]
-        ahead = gap if always else np.where(runs[i], gap, ahead)
-        start = local[i + 1] = start + period + shifted[i]
+    for station, (kind, rate) in enumerate(zip(kinds, ppb.tolist(), strict=True)):  # whole numbers: arrays so narrow are slower
+        start = period + initial[station]  # (5.3) at 0, a multiple: one period ahead
+        begins, ahead = [start], None  # ahead: l - g of the last pair that was read
+        columns = (column[:, station].tolist() for column in (errors, runs, makes))
+        for i, (error, read, makes_it) in enumerate(zip(*columns, strict=True)):
+            shift = 0
+            if read and kind != "none":
+                now = start + period - reserve
+                gap = -(-now * rate // (PPB + rate)) - error  # l_i - g_i
+                if kind == "absolute":
+                    shift = half - (now - gap + reserve + half) % period  # how early the next start is, as far as one knows
+                else:
+                    shift = 0 if ahead is None else gap - ahead  # no pair before the first one
+                ahead, wanted[i, station] = gap, shift
+            if makes_it:
+                shifted[i, station] = shift = max(shift, -plan.shift_ns)
+                start += shift
+            start += period
+            begins.append(start)
+        local[:, station] = begins
     return Starts(plan, local, local - _gained(local, ppb), wanted, shifted)
 
 
