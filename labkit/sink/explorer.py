@@ -8,8 +8,10 @@ spinning is no failure as long as the one who is waited for can still run.
 from __future__ import annotations
 
 from array import array
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
+
+import numpy as np
 
 from labkit.sink.machine import Machine, State
 
@@ -112,19 +114,17 @@ def _trap(machine: Machine, graph: _Graph) -> Search | None:
     return Search("livelock", count, (*entry, *(graph.thread[i] for i in steps)), len(entry) + passed[state])
 
 
-def _caught(machine: Machine, graph: _Graph) -> Sequence[int]:
+def _caught(machine: Machine, graph: _Graph) -> list[int]:
     """States from which no finished one can be reached."""
-    sources: list[list[int]] = [[] for _ in graph.states]
-    for state in range(len(graph.states)):
-        for i in range(graph.begin[state], graph.begin[state + 1]):
-            sources[graph.target[i]].append(state)
-    todo = [number for number, state in enumerate(graph.states) if machine.finished(state)]
-    free = bytearray(len(graph.states))
-    for number in todo:
-        free[number] = 1
-    while todo:
-        for source in sources[todo.pop()]:
-            if not free[source]:
-                free[source] = 1
-                todo.append(source)
-    return [number for number, reached in enumerate(free) if not reached]
+    count = len(graph.states)
+    begin, target = np.frombuffer(graph.begin, np.int64), np.frombuffer(graph.target, np.int64)
+    before = np.repeat(np.arange(count), np.diff(begin))[np.argsort(target, kind="stable")]  # whence one gets to each, in turn
+    first = np.concatenate([[0], np.cumsum(np.bincount(target, minlength=count))])
+    free = np.fromiter(map(machine.finished, graph.states), bool, count)
+    todo = np.flatnonzero(free)
+    while len(todo):
+        many = first[todo + 1] - first[todo]
+        some = before[np.repeat(first[todo] - np.cumsum(many) + many, many) + np.arange(many.sum())]
+        todo = np.unique(some[~free[some]])
+        free[todo] = True
+    return np.flatnonzero(~free).tolist()
