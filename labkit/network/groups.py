@@ -34,7 +34,6 @@ point, and clocks so bad that a station answers in a slot that is not its own.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
@@ -195,7 +194,9 @@ class AccessPoint:
     def hear(self, slot: int, answer: Answer | None) -> AccessPoint:
         """The answer of the station whose slot it is; None if there was none."""
         group, source = self.group, slot % self.group.stations
-        old = sum(entry.slot + group.life < slot for entry in self.entries)
+        old, count = 0, len(self.entries)
+        while old < count and self.entries[old].slot + group.life < slot:  # they are in order of their slots
+            old += 1
         first, entries, since, taken = self.first + old, list(self.entries[old:]), self.since, self.taken
         missed = _put(self.missed, source, 0 if answer else self.missed[source] + 1)
         if answer is None:
@@ -208,7 +209,7 @@ class AccessPoint:
                 if order >= first and entries[order - first].verdict is None:
                     entry = entries[order - first]
                     entries[order - first] = entry.after(holders=entry.holders | {source})
-        entries = [self._decided(entry, slot, since) for entry in entries]
+        entries = [self._decided(entry, slot, since) if entry.verdict is None else entry for entry in entries]
         offer = answer.offer if answer and since[source] is not None else None
         if (
             offer is not None
@@ -227,16 +228,22 @@ class AccessPoint:
             if entry.packet.source == source and entry.verdict is None and entry.sent <= self.group.omission_degree:
                 packet, entries = entry.packet, _put(entries, i, entry.after(sent=entry.sent + 1))
         verdicts = tuple(entry.verdict for entry in entries)
-        after = self if packet is None else replace(self, entries=entries)
+        after = self
+        if packet is not None:
+            after = AccessPoint(self.group, self.first, entries, self.since, self.taken, self.missed)
         return after, Broadcast(slot, self.first, verdicts, self.since, self.taken, packet)
 
     def _decided(self, entry: Entry, slot: int, since: tuple[int | None, ...]) -> Entry:
-        """The entry with its verdict, if there is one now."""
-        if entry.verdict is not None:
-            return entry
-        needed = {i for i, order in enumerate(since) if order is not None and order <= entry.packet.order}
-        if needed and needed <= entry.holders:
-            return entry.after(verdict=True)
+        """An entry without a verdict with its verdict, if there is one now."""
+        holders, own, needed = entry.holders, entry.packet.order, False
+        for i, order in enumerate(since):
+            if order is not None and order <= own:
+                needed = True
+                if i not in holders:
+                    break
+        else:
+            if needed:
+                return entry.after(verdict=True)
         return entry.after(verdict=False) if slot >= entry.slot + self.group.undecided else entry
 
 
@@ -279,7 +286,7 @@ class Station:
         at_once = self.group.delivery == "at once"
         oldest = said.first if at_once else after
         known = {packet.order: packet for packet in self.held if packet.order >= oldest} if inside else {}
-        new = tuple(self._news(said, after, known)) if inside else ()
+        new = self._news(said, after, known) if inside else ()
         if at_once:
             return self._after(said, inside, after, known), new
         delivered = []
@@ -312,16 +319,18 @@ class Station:
         """What it believes of a verdict that is no longer told."""
         return {"silence is no": False, "silence is yes": True}.get(self.group.delivery)
 
-    def _news(self, said: Broadcast, least: int, known: dict[int, Packet]) -> Iterator[Packet]:
+    def _news(self, said: Broadcast, least: int, known: dict[int, Packet]) -> tuple[Packet, ...]:
         """Take over into `known` what it did not hold: the packet that is broadcast, or its own, once it knows its order."""
         number, order = said.taken[self.me]
+        new: tuple[Packet, ...] = ()
         if self.offer is not None and number == self.offer.number and order >= least and order not in known:
             known[order] = Packet(order, self.me, number, self.offer.load)
-            yield known[order]
+            new = (known[order],)
         packet = said.packet
         if packet is not None and packet.order >= least and packet.order not in known:
             known[packet.order] = packet
-            yield packet
+            new = (*new, packet)
+        return new
 
     def _pending(self, said: Broadcast) -> Offer | None:
         """Its offer, unless that is decided or withdrawn now."""

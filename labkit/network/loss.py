@@ -35,8 +35,8 @@ class Independent:
     def channel(self, sender: int, receiver: int, rng: np.random.Generator) -> Channel:
         if self.loss in (0, 1):
             return lambda: bool(self.loss)
-        numbers = _uniform(rng)
-        return lambda: next(numbers) < self.loss
+        following, loss = _uniform(rng).__next__, self.loss
+        return lambda: following() < loss
 
 
 @dataclass(frozen=True)
@@ -93,8 +93,7 @@ class GilbertElliott:
                 yield next(numbers) < (self.in_bad if bad else self.in_good)
                 bad = next(numbers) >= self.to_good if bad else next(numbers) < self.to_bad
 
-        found = receptions()
-        return lambda: next(found)
+        return receptions().__next__
 
 
 @dataclass(frozen=True)

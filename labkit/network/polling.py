@@ -123,6 +123,7 @@ class GroupOnAir:
 
     Attributes:
         left: how often a station left the group.
+        beside: see `overhead`.
     """
 
     def __init__(self, group: Group, hall: Hall, talk: Desk):
@@ -130,6 +131,7 @@ class GroupOnAir:
         self.point = AccessPoint.begin(group, tuple(talk.late))
         self.stations = [Station(group, i, i not in talk.late) for i in range(group.stations)]
         self.numbers = [0] * group.stations
+        self.beside = overhead(group)
         self.heard = [0] * group.stations
         self.stays = [[(0, 0)] if i not in talk.late else [] for i in range(group.stations)]  # in the group: from, up to
 
@@ -143,7 +145,7 @@ class GroupOnAir:
 
     def turn(self, slot: int) -> Steps:
         """One slot."""
-        source, beside = slot % self.group.stations, overhead(self.group)
+        source, beside = slot % self.group.stations, self.beside
         self._clock(slot)
         answer = None
         station = self.stations[source]

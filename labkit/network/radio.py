@@ -11,7 +11,7 @@ that arrive damaged (their checksum makes them lost ones).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -84,6 +84,10 @@ class Radio:
         """Switch a station off: it hears nothing any more, not even what is on its way."""
         self._receivers.pop(station, None)
 
+    def attach_only(self, receivers: Mapping[int, Receive]) -> None:
+        """Switch these stations on, and off all others."""
+        self._receivers = dict(receivers)
+
     def send(self, sender: int, message: Any, size: int = 0, echo: bool = False) -> int:
         """Broadcast a message of `size` bytes; with `echo` the sender hears it, too, without loss and with its own jitter.
 
@@ -102,7 +106,7 @@ class Radio:
             if station == sender:
                 if echo:
                     reached.append(station)
-            elif self._channel(sender, station)():
+            elif (self._channels.get((sender, station)) or self._channel(sender, station))():
                 self.counts.lost += 1
             else:
                 reached.append(station)
@@ -129,10 +133,9 @@ class Radio:
         event.callbacks.append(arrive)
 
     def _channel(self, sender: int, receiver: int) -> Channel:
-        found = self._channels.get((sender, receiver))
-        if found is None:
-            rng = np.random.default_rng([self.seed, sender, receiver])
-            found = self._channels[sender, receiver] = self.loss.channel(sender, receiver, rng)
+        """A new one; `send` asks first whether there is one."""
+        rng = np.random.default_rng([self.seed, sender, receiver])
+        found = self._channels[sender, receiver] = self.loss.channel(sender, receiver, rng)
         return found
 
     def _jitter(self, station: int) -> Iterator[int]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Generator, Mapping
+from collections.abc import Generator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
@@ -13,7 +13,7 @@ import simpy
 from labkit.network.fragments import Message, Reassembly, fragments
 from labkit.network.groups import Packet
 from labkit.network.loss import Channel, Loss
-from labkit.network.radio import Radio
+from labkit.network.radio import Radio, Receive
 from labkit.network.report import Sent
 
 Steps = Generator[simpy.Event, Any, Any]
@@ -44,6 +44,7 @@ class Hall:
         self.all_stations = frozenset(range(stations))
         self._ears = [self._ear(station) for station in range(stations + 1)]
         self._listening: frozenset[int] = frozenset()
+        self._tuned: dict[int, Receive] = {}  # the same, in order of their tuning in
         self._heard: set[int] = set()
 
     @property
@@ -51,18 +52,20 @@ class Hall:
         """The time in ns."""
         return int(self.radio.env.now)
 
-    def _ear(self, station: int) -> Callable[[Any, int], None]:
+    def _ear(self, station: int) -> Receive:
         return lambda message, sender: self._heard.add(station)
 
     def say(self, sender: int, size: int, to: frozenset[int]) -> Generator[simpy.Event, Any, set[int]]:
         """Send so many bytes to these and wait until they have heard them who will; returns who."""
-        for station in self._listening - to:
-            self.radio.detach(station)
-        for station in to - self._listening:
-            self.radio.attach(station, self._ears[station])
+        if to != self._listening:
+            kept = [station for station in self._tuned if station in to]
+            self._tuned = {station: self._ears[station] for station in (*kept, *(to - self._listening))}
+            self.radio.attach_only(self._tuned)
         self._listening, self._heard = to, set()
         end = self.radio.send(sender, None, size) + self.radio.delay_ns + self.radio.jitter_ns
-        yield self.radio.env.timeout(end - self.now)  # made after the receptions of that instant, so it ends after them
+        yield self.radio.env.timeout(
+            end - int(self.radio.env.now)
+        )  # made after the receptions of that instant, so it ends after them
         return self._heard
 
     def ask(self, station: int, poll: int, answer: int) -> Generator[simpy.Event, Any, bool]:
