@@ -16,8 +16,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
-from itertools import product
-from math import prod
 from typing import Any, Literal
 
 from labkit.checks import whole
@@ -232,11 +230,16 @@ class _Search:
                 continue
             side, answer = asked
             after, said = self.point(slot, key[0], answer)
-            choices = [self.side(side if i == source else mine, said) for i, mine in enumerate(key[1:], 1)]
-            for chosen in product(*choices):
-                gots, sides, delivers, ways = zip(*chosen)
-                losses = len(gots) - sum(gots) + (not heard)
-                yield (after, *sides), prod(ways) * (1 if heard else 2), losses, (heard, gots), any(delivers)
+            found: list[tuple[Key, int, int, tuple[bool, ...], bool]] = [((after,), 1 if heard else 2, int(not heard), (), False)]
+            for i, mine in enumerate(key[1:], 1):
+                choices = self.side(side if i == source else mine, said)
+                found = [
+                    ((*there, to), ways * many, losses + (not got), (*gots, got), delivers or one)
+                    for there, ways, losses, gots, delivers in found
+                    for got, to, one, many in choices
+                ]
+            for there, ways, losses, gots, delivers in found:
+                yield there, ways, losses, (heard, gots), delivers
 
     def _asked(self, slot: int, number: int, heard: bool) -> tuple[int, int | None] | None:
         """The side whose slot it is, after poll and answer, and the answer if it is heard; None if it must not be lost."""

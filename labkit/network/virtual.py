@@ -29,7 +29,9 @@ class VirtualClock:
 
     def correction(self, local: int) -> int:
         """What is added when the local clock shows `local`."""
-        piece = max(0, bisect_right(self._starts, local) - 1)
+        piece = bisect_right(self._starts, local) - 1
+        if piece < 0:
+            piece = 0
         begin, gained, length = self._lines[piece]
         return begin + (local - self._starts[piece]) * gained // length
 
