@@ -34,7 +34,7 @@ from labkit.trace import Trace
 
 BAR, THIN, STRIP = 0.6, 0.11, 0.36  # heights, in rows: a run, readiness, the strip of one lock below
 MOST = 2000  # marks in one Gantt; with more of them plotly needs longer than a picture may take
-COLUMNS = 700  # of the busy share: one for about two pixels
+COLUMNS = 700  # of the busy share: one for about four pixels, with what goes beyond the window on either side
 #: The outline of a cross between -1 and 1, across and up.
 CROSS = np.array([[0, 0.6, 1, 0.4, 1, 0.6, 0, -0.6, -1, -0.4, -1, -0.6], [0.4, 1, 0.6, 0, -0.6, -1, -0.4, -1, -0.6, 0, 0.6, 1]])
 
@@ -201,13 +201,14 @@ def _shares(view: _View, tasks: Sequence[str], paint: Sequence[str], dense: bool
     drawn = []
     for row in range(len(tasks)):
         known = dense and row in row_of
-        curve = np.concatenate([[0], np.repeat(shares[row_of[row]], 2), [0]]) if known else np.empty(0)
+        curve = np.concatenate([[0], shares[row_of[row]], [0]]) if known else np.empty(0)
         drawn.append(
             {
                 "type": "scatter",
                 "mode": "none",
-                "x": view.ms(np.repeat(edges, 2)) if known else np.empty(0),
+                "x": view.ms(np.append(edges[0], edges)) if known else np.empty(0),
                 "y": -view.pitch * row - BAR / 2 + BAR * curve,
+                "line": {"shape": "hv"},
                 "fill": "toself",
                 "fillcolor": paint[row],
                 "showlegend": False,

@@ -140,8 +140,9 @@ def test_too_many_slices_become_shares_that_say_the_same(window):
     low, high = shares[0]["x"][0], shares[0]["x"][-1]
     ran = slices(trace)
     for row, share in enumerate(shares[:3]):
-        height = np.asarray(share["y"])[1:-1:2] + row + 0.3
-        width = np.diff(np.asarray(share["x"])[::2])
+        assert share["line"]["shape"] == "hv", "up or down first at the next edge"
+        height = np.asarray(share["y"])[1:-1] + row + 0.3
+        width = np.diff(np.asarray(share["x"])[1:])
         busy = (np.clip(ran.end, low * 1e3, high * 1e3) - np.clip(ran.start, low * 1e3, high * 1e3))[ran.task == row].sum()
         assert (height / 0.6 * width).sum() == pytest.approx(busy / 1e3)
     assert not len(shares[3]["x"])
