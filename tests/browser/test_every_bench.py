@@ -15,9 +15,9 @@ import pytest
 from playwright.sync_api import ElementHandle, Page, TimeoutError, expect
 
 from labkit import experiments
-from labkit.bench.plot import cards
+from labkit.bench.plot import cards, pack
 from labkit.experiment import Experiment, Parameter
-from tests.bench.test_bench import Fresh, plain
+from tests.bench.test_bench import Fresh, unpacked
 from tests.browser.conftest import IMPATIENT
 
 pytestmark = pytest.mark.browser
@@ -141,7 +141,8 @@ def matches(drawn, fresh) -> bool:
 def check(bench: Bench, experiment: Experiment, apart: Fresh, where: str, faults: list[str]) -> None:
     """Wait until the page shows this experiment, compare it with the model, and note what lies on what."""
     result = apart.result(experiment)  # while the page and its kernel do the same
-    fresh = plain(experiment.figure(result))
+    buffers: list = []
+    fresh = unpacked(pack(experiment.figure(result), buffers), buffers)
     settled(bench, experiment.code())
     fresh["data"] = [trace for trace in fresh["data"] if trace.get("showlegend") is not False or trace.get("x") != []]
     data, layout = json.loads(bench.find(".js-plotly-plot").evaluate(DRAWN))
