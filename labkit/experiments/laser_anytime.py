@@ -21,13 +21,13 @@ from labkit.figures import (
     Panel,
     arc_lines,
     axis,
-    dots,
     drawn,
     edge_lines,
     element_lines,
     from_above,
     outlines,
     scanners,
+    spots,
     stack,
     there,
 )
@@ -152,7 +152,7 @@ class AnytimeStages(Experiment[Aborted]):
         above = from_above(
             [
                 there(outlines(result.world, chain.points.time_ns, without=("A",))),
-                dots("points", chain.points.xy, INK, 3, showlegend=False),
+                spots("points", chain.points.xy, INK, 0.05),
                 drawn("elements", element_lines(known), STAGES["elements"], 3, showlegend=False),
                 drawn("edges", edge_lines(chain.contours.edges), GREEN),
                 drawn("arcs", arc_lines(chain.contours.arcs), VERMILION),

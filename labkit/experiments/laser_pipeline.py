@@ -21,7 +21,6 @@ from labkit.figures import (
     VERMILION,
     arc_lines,
     disc_lines,
-    dots,
     drawn,
     edge_lines,
     element_lines,
@@ -30,6 +29,8 @@ from labkit.figures import (
     outlines,
     polygon_lines,
     scanners,
+    spot_key,
+    spots,
     stack,
     there,
 )
@@ -61,6 +62,7 @@ from labkit.fusion import (
 LENGTH, WIDTH = 8.0, 5.0  # m, of the field
 HERE = Pose(0.5, 2.5)  # where scanner A stands
 SIDEWAYS = 0.30  # m that the ball lies left of the scanner's axis
+ROTATIONS = {"odd rotations": BLUE, "even rotations": ORANGE}
 AROUND = 32  # cm shown on each side of the ball's first place
 
 Rotations = Annotated[
@@ -153,7 +155,7 @@ class LaserPipeline(Experiment[Seen]):
         whole = from_above(
             [
                 there(scene),
-                dots("points", chain.points.xy, INK, 3 if pale else 5, showlegend=False),
+                spots("points", chain.points.xy, INK, 0.04 if pale else 0.07),
                 *shapes(lines),
                 scanners("A", [HERE[:2]], [INK]),
             ],
@@ -166,8 +168,7 @@ class LaserPipeline(Experiment[Seen]):
         beside = from_above(
             [
                 there(enlarged(scene, x, y), legend=False),
-                dots("odd rotations", xy[~odd], BLUE, 9),
-                dots("even rotations", xy[odd], ORANGE, 9),
+                *(spots(name, xy[odd == second], colour, 1.6) for second, (name, colour) in enumerate(ROTATIONS.items())),
                 *shapes([enlarged(some, x, y) for some in lines], legend=False),
             ],
             (-AROUND, AROUND),
@@ -177,7 +178,7 @@ class LaserPipeline(Experiment[Seen]):
             title="the ball",
             caption="from its first place",
         )
-        return stack([whole, beside], height=470)
+        return stack([whole, beside], height=470, keys=[spot_key(*rotation) for rotation in ROTATIONS.items()])
 
     def metrics(self, result: Seen) -> list[Metric]:
         chain = result.chain

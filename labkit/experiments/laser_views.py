@@ -19,12 +19,13 @@ from labkit.figures import (
     PURPLE,
     VERMILION,
     Panel,
-    dots,
     drawn,
     element_lines,
     from_above,
     outlines,
     scanners,
+    spot_key,
+    spots,
     stack,
     there,
 )
@@ -126,7 +127,7 @@ class FusedViews(Experiment[Views]):
     def figure(self, result: Views) -> dict[str, Any]:
         left = self.panel(result, result.offset, 1, f"B {self.offset} ms later")
         right = self.panel(result, result.together, 2, "both at once")
-        return stack([left, right], height=430)
+        return stack([left, right], height=430, keys=[spot_key(f"points of {name}", colour) for name, colour in COLOURS.items()])
 
     def panel(self, result: Views, view: View, place: int, title: str) -> Panel:
         """One of the two ways of looking."""
@@ -139,7 +140,7 @@ class FusedViews(Experiment[Views]):
             [
                 there([*scene, *moved], legend=first),
                 *(drawn(kind, element_lines(view.fused.of(kind)), colour, showlegend=first) for kind, colour in kinds),  # type: ignore[arg-type]
-                *(dots(f"points of {p.station}", p.xy, COLOURS[p.station], 4, showlegend=first) for p in view.points),
+                *(spots(f"points of {p.station}", p.xy, COLOURS[p.station], 0.08) for p in view.points),
                 scanners(tuple(PLACES), [place[:2] for place in PLACES.values()], [INK, INK]),
             ],
             (-0.3, LENGTH + 0.3),

@@ -18,12 +18,13 @@ from labkit.figures import (
     VERMILION,
     Panel,
     arc_lines,
-    dots,
     drawn,
     edge_lines,
     element_lines,
     from_above,
     outlines,
+    spot_key,
+    spots,
     stack,
     there,
 )
@@ -84,7 +85,8 @@ class OneFastObject(Experiment[Looks]):
             self.panel(result, look, level, 1 + i, way)
             for i, (level, (way, look)) in enumerate((level, way) for level in EARLY for way in ways.items())
         ]
-        return stack(panels[:2], panels[2:], height=480)
+        keys = [spot_key(f"points of {name}", colour) for name, colour in COLOURS.items()]
+        return stack(panels[:2], panels[2:], height=480, keys=keys)
 
     def panel(self, result: Looks, look: Look, level: Level, place: int, way: str) -> Panel:
         """One level, one way to look."""
@@ -102,7 +104,7 @@ class OneFastObject(Experiment[Looks]):
                 drawn("fused edge", edges, GREEN, 6, showlegend=first),
                 drawn("fused arc", arcs, INK, 6, showlegend=first),
                 drawn("ball in the picture", known, VERMILION, 3, showlegend=first),
-                *(dots(f"points of {one.station}", one.xy, COLOURS[one.station], 6, showlegend=first) for one in look.points),
+                *(spots(f"points of {one.station}", one.xy, COLOURS[one.station], 0.024) for one in look.points),
             ],
             (ROLLS_FROM.x - BEFORE, ROLLS_FROM.x + BEHIND),
             (ROLLS_FROM.y - BESIDE, ROLLS_FROM.y + BESIDE),

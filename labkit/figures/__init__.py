@@ -17,6 +17,8 @@ from labkit.figures.field import (
     outlines,
     polygon_lines,
     scanners,
+    spot_key,
+    spots,
     there,
 )
 from labkit.figures.gantt import gantt, lock_keys
@@ -118,6 +120,8 @@ __all__ = [
     "rows_axis",
     "scanners",
     "sequence",
+    "spot_key",
+    "spots",
     "stack",
     "stacked",
     "steps",

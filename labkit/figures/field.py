@@ -11,8 +11,9 @@ from typing import Any
 
 import numpy as np
 
+from labkit.figures.outline import SPOT, outline
 from labkit.figures.panel import Panel
-from labkit.figures.style import FONT, GREY, INK, Spec, axis
+from labkit.figures.style import FONT, GREY, INK, Spec, axis, key
 from labkit.fusion import Arcs, Edges, Element, Objects, World
 
 CORNERS = 37  # of the line that draws a whole circle
@@ -96,6 +97,18 @@ def dots(name: str, xy: np.ndarray, colour: str, size: int = 5, **more: Any) -> 
         "hovertemplate": shown,
         **more,
     }
+
+
+def spots(name: str, xy: np.ndarray, colour: str, size: float) -> Spec:
+    """Hundreds of points (n, 2) as one trace, each a spot of `size` in the unit of the axes. See `spot_key`."""
+    x, y, _ = outline(SPOT, xy[:, 0], xy[:, 1], size / 2, size / 2)
+    made = {"type": "scatter", "mode": "none", "fill": "toself", "fillcolor": colour, "x": x, "y": y, "name": name}
+    return made | {"showlegend": False, "hoverinfo": "skip"}
+
+
+def spot_key(name: str, colour: str) -> Spec:
+    """The entry of the legend for spots."""
+    return key(name, type="scatter", mode="markers", marker={"color": colour, "size": 8})
 
 
 def scanners(names: Sequence[str], places: Sequence[tuple[float, float]], colours: Sequence[str]) -> Spec:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from labkit.figures.history import BEYOND, EXCEPTION, MAIN, History
+from labkit.figures.outline import CROSS, outline
 from labkit.figures.panel import WIDTH, Panel
 from labkit.figures.style import (
     ABORT,
@@ -35,8 +36,6 @@ from labkit.trace import Trace
 BAR, THIN, STRIP = 0.6, 0.11, 0.36  # heights, in rows: a run, readiness, the strip of one lock below
 MOST = 2000  # marks in one Gantt; with more of them plotly needs longer than a picture may take
 COLUMNS = 700  # of the busy share: one for about four pixels, with what goes beyond the window on either side
-#: The outline of a cross between -1 and 1, across and up.
-CROSS = np.array([[0, 0.6, 1, 0.4, 1, 0.6, 0, -0.6, -1, -0.4, -1, -0.6], [0.4, 1, 0.6, 0, -0.6, -1, -0.4, -1, -0.6, 0, 0.6, 1]])
 
 #: Columns of each kind of interval or event, for where there is none.
 WIDTHS = {"runs": 5, "ready": 3, "waits": 4, "holds": 4, "release": 3, "deadline": 3}
@@ -281,21 +280,19 @@ def _marks(view: _View, table: Table, marker: Spec, words: str, raised: float = 
 
 
 def _crosses(view: _View, table: Table, marker: Spec, words: str) -> Spec:
-    """Crosses as one filled outline: hundreds of them cost plotly as much as one, while it makes an element of every marker and
-    of every line between gaps.
-    """
-    at, y, gap = view.ms(table[:, -1:]), view.height(table[:, :1]), np.full((len(table), 1), np.nan)
-    wide, high = marker["size"] / 2 * view.pixel, BAR / 3
+    """Crosses as one filled outline: hundreds of them cost plotly as much as one."""
+    at = view.ms(table[:, -1])
+    x, y, which = outline(CROSS, at, view.height(table[:, 0]), marker["size"] / 2 * view.pixel, BAR / 3)
     return {
         "type": "scatter",
         "mode": "none",
         "fill": "toself",
         "fillcolor": marker["color"],
-        "x": np.hstack([at + wide * CROSS[0], gap]).ravel(),
-        "y": np.hstack([y + high * CROSS[1], gap]).ravel(),
+        "x": x,
+        "y": y,
         "showlegend": False,
         "hoveron": "points",
-        "customdata": np.repeat(np.hstack([table[:, 1:2], at]), CROSS.shape[1] + 1, axis=0),
+        "customdata": np.stack([table[which, 1], at[which]], axis=1),
         "hovertemplate": f"{words}: job %{{customdata[0]}} at %{{customdata[1]:.3f}} ms<extra></extra>",
     }
 
