@@ -185,9 +185,10 @@ const render = ({ model, el }) => {
         tellError(alert, error, where);
         if (error) stop();
     };
+    const hide = () => el.closest(".lab-bench")?.classList.toggle("lab-veiled", !veil.hidden);
     const cover = (veiled) => {
         veil.hidden = !veiled;
-        el.closest(".lab-bench")?.classList.toggle("lab-veiled", veiled);
+        hide();
     };
 
     const take = (message, buffers) => {
@@ -214,6 +215,7 @@ const render = ({ model, el }) => {
     model.on("msg:custom", take);
 
     const resize = () => {
+        hide();  // a busy page puts a bench together after its veil has come
         const { clientWidth, clientHeight } = picture;
         if (!clientWidth || (clientWidth === width && (!large || clientHeight === height) && canvas.style.transform === "" === !large)) return;
         [width, height] = [clientWidth, clientHeight];
