@@ -1,8 +1,8 @@
 """The one test session: its order, and what several processes may share of it.
 
 Alone, fast tests come first, then notebooks, then the browser. `make test` has a process per core: the browser's tests of even
-and of odd notebooks, the cells of a notebook, the lines of the README, which read each other's files, and the tests of one
-experiment, which share its run, stay together, and so do those that share a run of nbval; the rest goes anywhere.
+and of odd notebooks, the cells of a notebook, the lines of the README, which read each other's files, the tests of one
+experiment, which share its run, and those that share a run of nbval stay together; the rest goes anywhere.
 """
 
 import os

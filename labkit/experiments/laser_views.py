@@ -51,6 +51,7 @@ from labkit.fusion import (
 MS = 1_000_000
 PLACES = {"A": Pose(0.8, 1.0, 0.5), "B": Pose(6.8, 0.8, 2.4)}  # of the two robots that look
 COLOURS = {"A": BLUE, "B": ORANGE}
+KEYS = [spot_key(f"points of {name}", colour) for name, colour in COLOURS.items()]
 ROLLS_FROM = Pose(3.0, 3.1)
 
 Level = Literal["points", "elements"]
@@ -127,7 +128,7 @@ class FusedViews(Experiment[Views]):
     def figure(self, result: Views) -> dict[str, Any]:
         left = self.panel(result, result.offset, 1, f"B {self.offset} ms later")
         right = self.panel(result, result.together, 2, "both at once")
-        return stack([left, right], height=430, keys=[spot_key(f"points of {name}", colour) for name, colour in COLOURS.items()])
+        return stack([left, right], height=430, keys=KEYS)
 
     def panel(self, result: Views, view: View, place: int, title: str) -> Panel:
         """One of the two ways of looking."""

@@ -11,7 +11,7 @@ from typing_extensions import Doc
 
 from labkit.experiment import Experiment, Metric
 from labkit.experiments.laser_pipeline import Rotations, Seed
-from labkit.experiments.laser_views import COLOURS, PLACES, ROLLS_FROM, FusedViews
+from labkit.experiments.laser_views import COLOURS, KEYS, PLACES, ROLLS_FROM, FusedViews
 from labkit.figures import (
     GREEN,
     INK,
@@ -23,7 +23,6 @@ from labkit.figures import (
     element_lines,
     from_above,
     outlines,
-    spot_key,
     spots,
     stack,
     there,
@@ -85,8 +84,7 @@ class OneFastObject(Experiment[Looks]):
             self.panel(result, look, level, 1 + i, way)
             for i, (level, (way, look)) in enumerate((level, way) for level in EARLY for way in ways.items())
         ]
-        keys = [spot_key(f"points of {name}", colour) for name, colour in COLOURS.items()]
-        return stack(panels[:2], panels[2:], height=480, keys=keys)
+        return stack(panels[:2], panels[2:], height=480, keys=KEYS)
 
     def panel(self, result: Looks, look: Look, level: Level, place: int, way: str) -> Panel:
         """One level, one way to look."""

@@ -63,9 +63,7 @@ class Hall:
             self.radio.attach_only(self._tuned)
         self._listening, self._heard = to, set()
         end = self.radio.send(sender, None, size) + self.radio.delay_ns + self.radio.jitter_ns
-        yield self.radio.env.timeout(
-            end - int(self.radio.env.now)
-        )  # made after the receptions of that instant, so it ends after them
+        yield self.radio.env.timeout(end - self.now)  # made after the receptions of that instant, so it ends after them
         return self._heard
 
     def ask(self, station: int, poll: int, answer: int) -> Generator[simpy.Event, Any, bool]:

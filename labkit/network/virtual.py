@@ -29,9 +29,7 @@ class VirtualClock:
 
     def correction(self, local: int) -> int:
         """What is added when the local clock shows `local`."""
-        piece = bisect_right(self._starts, local) - 1
-        if piece < 0:
-            piece = 0
+        piece = max(0, bisect_right(self._starts, local) - 1)
         begin, gained, length = self._lines[piece]
         return begin + (local - self._starts[piece]) * gained // length
 
