@@ -235,15 +235,9 @@ class AccessPoint:
 
     def _decided(self, entry: Entry, slot: int, since: tuple[int | None, ...]) -> Entry:
         """An entry without a verdict with its verdict, if there is one now."""
-        holders, own, needed = entry.holders, entry.packet.order, False
-        for i, order in enumerate(since):
-            if order is not None and order <= own:
-                needed = True
-                if i not in holders:
-                    break
-        else:
-            if needed:
-                return entry.after(verdict=True)
+        needed = [i for i, order in enumerate(since) if order is not None and order <= entry.packet.order]
+        if needed and entry.holders.issuperset(needed):
+            return entry.after(verdict=True)
         return entry.after(verdict=False) if slot >= entry.slot + self.group.undecided else entry
 
 
