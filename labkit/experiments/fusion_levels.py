@@ -153,7 +153,7 @@ class FusionLevels(Experiment[Team]):
         return from_above(
             [
                 there(scene),
-                *(spots(f"points of {name}", xy.get(name, NOTHING), colour, 0.05) for name, colour in STATION.items()),
+                *(spots(f"points of {name}", xy.get(name, NOTHING), colour, 0.07) for name, colour in STATION.items()),
                 *(drawn(kind, element_lines(known.of(kind)), colour) for kind, colour in kinds),  # type: ignore[arg-type]
                 dots("ghost", np.array([(e.x, e.y) for e in verdict.ghosts]).reshape(-1, 2), INK, 22, marker=wrong),
                 dots("missed", np.array(missed).reshape(-1, 2), INK, 30, marker=lost),

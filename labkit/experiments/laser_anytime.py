@@ -152,7 +152,7 @@ class AnytimeStages(Experiment[Aborted]):
         above = from_above(
             [
                 there(outlines(result.world, chain.points.time_ns, without=("A",))),
-                spots("points", chain.points.xy, INK, 0.05),
+                spots("points", chain.points.xy, INK, 0.06),
                 drawn("elements", element_lines(known), STAGES["elements"], 3, showlegend=False),
                 drawn("edges", edge_lines(chain.contours.edges), GREEN),
                 drawn("arcs", arc_lines(chain.contours.arcs), VERMILION),

@@ -155,7 +155,7 @@ class LaserPipeline(Experiment[Seen]):
         whole = from_above(
             [
                 there(scene),
-                spots("points", chain.points.xy, INK, 0.04 if pale else 0.07),
+                spots("points", chain.points.xy, INK, 0.06 if pale else 0.09),
                 *shapes(lines),
                 scanners("A", [HERE[:2]], [INK]),
             ],
