@@ -1,7 +1,7 @@
 """What holds for every bench of every notebook in the page: it draws what the model gives, and nothing lies on anything.
 
-A new notebook joins by existing. A question's bench is veiled; each control of each experiment is moved, two in quick succession,
-one with a pinned picture behind; what can be played goes one step on; the bench is reset; lecture mode fits windows of three sizes.
+A new notebook joins by existing. A question's bench is veiled; each control of each experiment is moved, two at once, one with a
+pinned picture behind; what can be played goes one step on; the bench is reset; lecture mode fits windows of three sizes.
 """
 
 import json
