@@ -1,4 +1,5 @@
-// The page's side of labkit.bench.plot, behind figure.js, zoom.js and cards.js: everything a bench shows, drawn from one message.
+// The page's side of labkit.bench.plot, behind figure.js, legend.js, zoom.js and cards.js: everything a bench shows, drawn from one
+// message.
 //
 // From the kernel: {kind: "show", figure, cards, code, idle, plays, ended, status} with arrays as buffers, {kind: "status", status}
 // alone while a run is under way or fails, {kind: "veil", veiled}, {kind: "plotly"} with plotly's code. To the kernel: {want},
@@ -43,6 +44,7 @@ const render = ({ model, el }) => {
 
     let shown = null, pinned = null, kept = [], large = false, width = 0, height = 0, drawing = false, waiting = false;
     let gone = false, timer = 0, arrived = true, bench = null, fitted = "", settle = () => {};
+    const legend = legendOf(canvas, () => draw());
     let aim = null, asked = false, waits = false;  // the newest wish for a window; whether an answer is awaited, a newer wish waits
 
     const draw = async () => {
@@ -54,7 +56,6 @@ const render = ({ model, el }) => {
                 waiting = false;
                 if (gone || !shown || !width) return;
                 const line = code.textContent, { data, layout } = shown.figure;
-                kept = [...data.keys()].filter((i) => draws(data[i]));
                 const behind = pinned ? ghosts(pinned.figure.data, layout) : [];
                 const own = layout.height ?? 460;
                 // In lecture mode the picture is laid out as usual and then enlarged as a whole, so that nothing meets that did not.
@@ -63,9 +64,11 @@ const render = ({ model, el }) => {
                 const first = !canvas.classList.contains("js-plotly-plot");
                 canvas.style.transform = large ? `scale(${scale})` : "";
                 settle();
-                await lib.react(canvas, [...behind, ...kept.map((i) => data[i])],
-                    { ...layout, font: { ...layout.font, size: layout.font?.size ?? FONT }, ...size },
+                const next = legend.prepare(data, { ...layout, font: { ...layout.font, size: layout.font?.size ?? FONT }, ...size });
+                kept = [...data.keys()].filter((i) => draws(data[i]) && !(next.same && isKey(data[i])));
+                await lib.react(canvas, [...behind, ...kept.map((i) => next.data[i])], next.layout,
                     { displayModeBar: false, responsive: false, showTips: false });
+                legend.keep();
                 kept = [...behind.map(() => -1), ...kept];
                 picture.dataset.drawn = line;  // whose picture this is
                 if (first) listen();
@@ -91,7 +94,7 @@ const render = ({ model, el }) => {
         waits = false;
         wish(aim);
     };
-    const save = () => window.labkitPlotly?.lib?.downloadImage(canvas,
+    const save = () => window.labkitPlotly?.lib?.downloadImage(legend.whole(shown.figure),
         { format: "png", scale: 2, filename: code.textContent.replace(/[^\w.=-]+/g, "_").slice(0, 80) });
 
     const step = (steps) => { stop(); model.send({ step: steps }); };

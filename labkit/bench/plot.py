@@ -88,7 +88,7 @@ class Plot(Heard):
         plays: what the buttons for back, play and forward go through; "": there are none.
     """
 
-    _esm = page_code("figure.js", "zoom.js", "cards.js", "plot.js")
+    _esm = page_code("figure.js", "legend.js", "zoom.js", "cards.js", "plot.js")
     _css = HERE / "plot.css"
 
     def __init__(self, answer: Callable[[dict[str, Any]], None], plays: str = "") -> None:

@@ -129,7 +129,7 @@ class FusionLevels(Experiment[Team]):
     def figure(self, result: Team) -> dict[str, Any]:
         fusions = result.fusions.values()
         bars = {
-            "sent [bytes]": ([mean(one.sent_bytes) for one in fusions], ".0f", round(1.35 * 2 * (180 * self.rotations + 1), -2)),
+            "sent [bytes]": ([mean(one.sent_bytes) for one in fusions], ".0f", round(1.35 * 2 * (180 * self.rotations + 1), -1)),
             "work [ms]": ([one.station_ns / MS for one in fusions], ".1f", None),
             "OSPA [cm]": ([100 * one.ospa for one in result.verdicts.values()], ".1f", None),
         }

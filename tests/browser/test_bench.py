@@ -52,6 +52,18 @@ class Slow(Rolling):
 
 explore(Rolling)
 '''
+NAMED = '''
+class Named(Rolling):
+    """Who is who?"""
+    def figure(self, result):
+        made = super().figure(result)
+        line, key = made["data"][0], {"x": [None], "y": [None], "name": "a key" if result == 1 else "another key"}
+        made["data"] = [{**line, "name": "up"}, {**line, "y": [result, 0], "name": "down"}, key]
+        made["layout"] |= {"showlegend": True, "legend": {"orientation": "h", "yref": "container", "y": 1, "yanchor": "top"}}
+        return made
+
+explore(Named)
+'''
 WIDTHS = """bench => [bench.querySelector('.lab-plot').clientWidth, bench.querySelector('.main-svg').clientWidth]"""
 SIDE_BAR = "() => { window.jupyterapp.commands.execute('application:toggle-left-area') }"
 SAVE = "() => { window.jupyterapp.commands.execute('docmanager:save') }"
@@ -149,6 +161,42 @@ def test_a_pinned_result_stays_behind_the_live_one(bench_of):
     expect(bench.locator(".lab-pinned-code")).to_be_hidden()
     nb.page.wait_for_function("document.querySelector('.js-plotly-plot').data.length === 1")
     expect(bench.locator(".lab-metric").first).to_have_text("2 <b>bar</b>level")
+
+
+def test_a_legend_is_drawn_when_it_changes_and_hides_what_it_names(bench_of):
+    nb, bench = bench_of(NAMED)
+    legend, figure = bench.locator(".lab-legend"), bench.locator(".js-plotly-plot")
+    entries, seen = (
+        legend.locator("text"),
+        "figure => figure.data.filter(trace => trace.visible !== 'legendonly').map(trace => trace.name)",
+    )
+    expect(entries).to_have_text(["up", "down", "a key"])
+    legend.evaluate("legend => { legend.dataset.known = 'yes' }")
+    bench.locator(".lab-forward").click()
+    nb.page.wait_for_function("[...document.querySelectorAll('.lab-picture')].at(-1).dataset.drawn === 'Named(step=1)'")
+    assert legend.get_attribute("data-known") == "yes", "drawn again though it is the same"
+    expect(bench.locator(".infolayer .legend")).to_have_count(0)
+
+    toggles = legend.locator(".legendtoggle")
+    assert toggles.count() == 2, "what is only an entry of the legend cannot be hidden"
+    toggles.first.click()
+    expect(legend).not_to_have_attribute("data-known", "yes")
+    assert figure.evaluate(seen) == ["down", "a key"]
+    handle = bench.locator(".lab-level .noUi-handle")
+    handle.focus()
+    handle.press("ArrowRight")
+    expect(entries).to_have_text(["up", "down", "another key"])
+    assert figure.evaluate(seen) == ["down", "another key"], "what a reader has hidden stays hidden"
+    toggles.first.click()
+    expect(legend.locator(".traces").first).to_have_css("opacity", "1")
+    assert figure.evaluate(seen) == ["up", "down", "another key"]
+
+    bench.locator(".lab-forward").click()
+    nb.page.wait_for_function("[...document.querySelectorAll('.lab-picture')].at(-1).dataset.drawn === 'Named(level=2, step=2)'")
+    nb.page.evaluate("() => { window.labkitPlotly.lib.downloadImage = picture => { window.saved = picture } }")
+    bench.locator(".lab-save").click()
+    saved = nb.page.evaluate("() => [window.saved.data.map(trace => trace.name), window.saved.layout.showlegend]")
+    assert saved == [["up", "down", "another key"], True]
 
 
 def test_play_goes_to_the_end_and_steps_go_back_and_forth(bench_of):

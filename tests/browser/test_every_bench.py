@@ -31,7 +31,7 @@ DRAWN = (
 #: Texts that lie on each other or are cut at the edge of the picture or of their field, in words.
 FAULTS = """bench => {
     const plot = bench.querySelector('.js-plotly-plot'), frame = plot.querySelector('.main-svg').getBoundingClientRect();
-    const seen = [...plot.querySelectorAll('.infolayer text, .xaxislayer-above text, .yaxislayer-above text')]
+    const seen = [...plot.querySelectorAll('.infolayer text, .lab-legend text, .xaxislayer-above text, .yaxislayer-above text')]
         .filter(t => t.textContent.trim() && getComputedStyle(t).visibility !== 'hidden' && getComputedStyle(t).opacity > 0)
         .map(t => ({ text: t.textContent, box: t.getBoundingClientRect() })).filter(t => t.box.width > 0);
     const faults = [];
@@ -66,8 +66,8 @@ WINDOW_FAULTS = """bench => {
     if (picture.bottom > code.top + 1 || code.bottom > innerHeight + 1) faults.push('the picture lies on the code line');
     if (picture.top < bar.bottom - 1 || picture.right > innerWidth + 1) faults.push('the picture lies on the cards');
     if (picture.height < 0.45 * innerHeight) faults.push(`the picture is only ${Math.round(picture.height)} px high`);
-    const texts = [...bench.querySelectorAll('.infolayer text, .xaxislayer-above text')].map(t => box(t).height);
-    const letters = Math.min(...texts.filter(height => height > 1));
+    const texts = [...bench.querySelectorAll('.infolayer text, .lab-legend text, .xaxislayer-above text')];
+    const letters = Math.min(...texts.map(text => box(text).height).filter(height => height > 1));
     if (letters < innerHeight / 75) faults.push(`letters of ${letters.toFixed(1)} px`);
     return faults;
 }"""
@@ -81,12 +81,14 @@ STATE = """bench => [bench.isConnected, bench.querySelector('.lab-code').textCon
     bench.querySelector('.lab-plot').className, bench.querySelector('.lab-picture').clientWidth,
     bench.querySelector('.lab-error-slot').textContent, !bench.querySelector('.lab-progress').hidden]"""
 #: Where the picture and its texts are.
-PLACES = """bench => [...bench.querySelectorAll('.main-svg, .infolayer text')].map(e => {
+PLACES = """bench => [...bench.querySelectorAll('.main-svg, .infolayer text, .lab-legend text')].map(e => {
     const { x, y, width, height } = e.getBoundingClientRect();
     return [x, y, width, height] })"""
 WINDOWS = ((1920, 1080), (1366, 768), (1600, 900))  # the last is that of the other tests
 AT_ONCE = {False: 2, True: 4}  # so many controls are moved before what they lead to is looked at: in a slow experiment more
 HEIGHT = 720  # px, at most, of a bench at its defaults
+#: The legend, the cards; what they say.
+LEGEND = "bench => [...bench.querySelectorAll('.lab-legend text')].map(text => text.dataset.unformatted)"
 CARDS = """bench => [...bench.querySelectorAll('.lab-metric')].map(card => [...card.children].map(e => e.textContent))"""
 
 
@@ -143,14 +145,30 @@ def matches(drawn, fresh) -> bool:
     return False
 
 
+def is_key(trace: dict) -> bool:
+    """Whether it is only an entry of the legend."""
+    return trace.get("x") == [None]
+
+
+def legend(figure: dict) -> list[str]:
+    """The entries of its legend, in order."""
+    if figure["layout"].get("showlegend") is False:
+        return []
+    named = [t for t in figure["data"] if "name" in t and t.get("showlegend") is not False and t.get("visible") is not False]
+    names = [trace["name"] for trace in named if trace["x"] != []]
+    return names[::-1] if figure["layout"]["legend"]["traceorder"] == "reversed" else names
+
+
 def check(bench: Bench, experiment: Experiment, apart: Fresh, where: str, faults: list[str]) -> None:
     """Wait until the page shows this experiment, compare it with the model, and note what lies on what."""
     result = apart.result(experiment)  # while the page and its kernel do the same
     buffers: list = []
     fresh = unpacked(pack(experiment.figure(result), buffers), buffers)
     settled(bench, experiment.code())
-    fresh["data"] = [trace for trace in fresh["data"] if trace.get("showlegend") is not False or trace.get("x") != []]
+    entries = legend(fresh)
+    fresh["data"] = [t for t in fresh["data"] if not is_key(t) and (t.get("showlegend") is not False or t.get("x") != [])]
     data, layout = json.loads(bench.find(".js-plotly-plot").evaluate(DRAWN))
+    data = [trace for trace in data if not is_key(trace)]  # those that plotly was given when it drew the legend
     what = f"{where}: {experiment.code()}"
     for i, (drawn, wanted) in enumerate(zip(data, fresh["data"], strict=True)):
         wrong = [key for key in wanted if not matches({key: drawn.get(key)}, {key: wanted[key]})]
@@ -163,6 +181,7 @@ def check(bench: Bench, experiment: Experiment, apart: Fresh, where: str, faults
     for name, axis in axes.items() if not any("scaleanchor" in axis for axis in axes.values()) else ():  # plotly fits such a pair
         if None not in (axis.get("range") or [None]):
             assert matches(layout[name]["range"], axis["range"]), f"{what}: another range of {name}"
+    assert bench.element.evaluate(LEGEND) == entries, f"{what}: another legend"
     written = cards(experiment.metrics(result), experiment.headline)
     written.sort(key=lambda card: not card["headline"])
     expected = [[c["text"], " · ".join([c["name"], *c["beside"]])] for c in written]
@@ -191,7 +210,10 @@ def move(bench: Bench, parameter: Parameter, experiment: Experiment) -> Experime
 
 def pinned(bench: Bench, parameter: Parameter, before: Experiment) -> Experiment:
     """Pin what is shown, move one control, and take the pin away again; what the bench has to show then."""
-    traces, line = "bench.querySelector('.js-plotly-plot').data.length", bench.find(".lab-pinned-code")
+    line = bench.find(".lab-pinned-code")
+    traces = (
+        "bench.querySelector('.js-plotly-plot').data.filter(trace => trace.x?.[0] !== null).length"  # none of the legend's own
+    )
     alone = bench.element.evaluate(f"bench => {traces}")
     bench.click(".lab-pin")
     after = move(bench, parameter, before)
