@@ -94,7 +94,7 @@ const render = ({ model, el }) => {
         waits = false;
         wish(aim);
     };
-    const save = () => window.labkitPlotly?.lib?.downloadImage(legend.whole(shown.figure),
+    const save = () => shown && window.labkitPlotly?.lib?.downloadImage(legend.whole(shown.figure),
         { format: "png", scale: 2, filename: code.textContent.replace(/[^\w.=-]+/g, "_").slice(0, 80) });
 
     const step = (steps) => { stop(); model.send({ step: steps }); };
