@@ -58,11 +58,16 @@ DONE = f"""() => {{ {_CURRENT}
 #: Not awaited: an evaluation in the page has no time-out. Outputs go first, else a second run looks done at once.
 RUN_ALL = """() => { const commands = window.jupyterapp.commands;
     commands.execute('notebook:clear-all-cell-outputs').then(() => { commands.execute('notebook:run-all-cells') }) }"""
-#: Press "Show me" on every bench that is veiled; true when none is.
+#: Press "Show me" on every bench that is veiled; true when all benches that cells open are there, have been told what to show,
+#: which comes after their veil, and none is veiled.
 LIFT = """() => {
+    const cells = window.jupyterapp.shell.currentWidget.content.widgets.map(cell => cell.model).filter(m => m.type === 'code');
+    const opened = cells.flatMap(m => m.sharedModel.source.match(/^explore\\(/gm) ?? []).length;
+    const plots = [...document.querySelectorAll('.lab-plot')], says = (plot, css) => plot.querySelector(css).textContent !== '';
     const veils = [...document.querySelectorAll('.lab-veil:not([hidden]) .lab-lift')];
     veils.forEach(button => button.click());
-    return veils.length === 0 }"""
+    const told = plots.every(plot => says(plot, '.lab-code') || says(plot, '.lab-error-slot'));
+    return plots.length >= opened && told && veils.length === 0 }"""
 SHUT_DOWN = "() => { window.jupyterapp?.shell?.currentWidget?.sessionContext?.shutdown() }"
 OPEN = "name => { window.jupyterapp.commands.execute('docmanager:open', { path: name, factory: 'Notebook' }) }"
 #: Close every notebook without a question and stop its kernel.
@@ -109,10 +114,8 @@ class Notebook:
             self.lift()
 
     def lift(self) -> None:
-        """Show every bench without a guess; a veil may come a little later than its bench."""
-        for _ in range(3):
-            self.page.wait_for_function(LIFT, timeout=60_000, polling=200)
-            self.page.wait_for_timeout(300)
+        """Show every bench without a guess."""
+        self.page.wait_for_function(LIFT, timeout=60_000, polling=200)
 
     def cell(self, index: int) -> Locator:
         """Cell by its place in the notebook, text cells counted too, from 0."""

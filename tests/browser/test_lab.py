@@ -49,6 +49,7 @@ def test_slider_moves_the_figure_and_an_error_shows(open_notebook, sample):
     nb.run_all()
     nb.figure()
     nb.page.wait_for_function(TITLED, arg="k=1")
+    nb.page.wait_for_timeout(1000)  # this widget of plotly's loses what comes while it tells its kernel how it was drawn
     _, line = nb.figure().evaluate(DRAWN)
     nb.slider(".lab-k", "ArrowRight")
     handle = nb.slider(".lab-k", "ArrowRight")
