@@ -166,10 +166,8 @@ def test_a_pinned_result_stays_behind_the_live_one(bench_of):
 def test_a_legend_is_drawn_when_it_changes_and_hides_what_it_names(bench_of):
     nb, bench = bench_of(NAMED)
     legend, figure = bench.locator(".lab-legend"), bench.locator(".js-plotly-plot")
-    entries, seen = (
-        legend.locator("text"),
-        "figure => figure.data.filter(trace => trace.visible !== 'legendonly').map(trace => trace.name)",
-    )
+    entries = legend.locator("text")
+    seen = "figure => figure.data.filter(trace => trace.visible !== 'legendonly').map(trace => trace.name)"
     expect(entries).to_have_text(["up", "down", "a key"])
     legend.evaluate("legend => { legend.dataset.known = 'yes' }")
     bench.locator(".lab-forward").click()

@@ -1,7 +1,7 @@
 """What holds for every bench of every notebook in the page: it draws what the model gives, and nothing lies on anything.
 
-A new notebook joins by existing. A question's bench is veiled; each control of each experiment is moved, two at once, one with a
-pinned picture behind; what can be played goes one step on; the bench is reset; lecture mode fits windows of three sizes.
+A new notebook joins by existing. A question's bench is veiled; each control of each experiment is moved, one with a pinned
+picture behind; what can be played goes one step on; the bench is reset; lecture mode fits windows of three sizes.
 """
 
 import json
@@ -85,9 +85,8 @@ PLACES = """bench => [...bench.querySelectorAll('.main-svg, .infolayer text, .la
     const { x, y, width, height } = e.getBoundingClientRect();
     return [x, y, width, height] })"""
 WINDOWS = ((1920, 1080), (1366, 768), (1600, 900))  # the last is that of the other tests
-AT_ONCE = {False: 2, True: 4}  # so many controls are moved before what they lead to is looked at: in a slow experiment more
 HEIGHT = 720  # px, at most, of a bench at its defaults
-#: The legend, the cards; what they say.
+COMPARED = 4  # of a slow experiment only every fourth move is compared with the model; the page is looked at after each
 LEGEND = "bench => [...bench.querySelectorAll('.lab-legend text')].map(text => text.dataset.unformatted)"
 CARDS = """bench => [...bench.querySelectorAll('.lab-metric')].map(card => [...card.children].map(e => e.textContent))"""
 
@@ -161,15 +160,26 @@ def legend(figure: dict) -> list[str]:
 
 def check(bench: Bench, experiment: Experiment, apart: Fresh, where: str, faults: list[str]) -> None:
     """Wait until the page shows this experiment, compare it with the model, and note what lies on what."""
-    result = apart.result(experiment)  # while the page and its kernel do the same
+    apart.result(experiment)  # while the page and its kernel do the same
+    look(bench, experiment, where, faults)
+    compare(bench, experiment, apart, f"{where}: {experiment.code()}")
+
+
+def look(bench: Bench, experiment: Experiment, where: str, faults: list[str]) -> None:
+    """Wait until the page shows this experiment, and note what lies on what."""
+    settled(bench, experiment.code())
+    faults += [f"{where}: {experiment.code()}: {fault}" for fault in bench.element.evaluate(FAULTS)]
+
+
+def compare(bench: Bench, experiment: Experiment, apart: Fresh, what: str) -> None:
+    """What the page draws, its legend and its cards, with what the model gives."""
+    result = apart.result(experiment)
     buffers: list = []
     fresh = unpacked(pack(experiment.figure(result), buffers), buffers)
-    settled(bench, experiment.code())
     entries = legend(fresh)
     fresh["data"] = [t for t in fresh["data"] if not is_key(t) and (t.get("showlegend") is not False or t.get("x") != [])]
     data, layout = json.loads(bench.find(".js-plotly-plot").evaluate(DRAWN))
     data = [trace for trace in data if not is_key(trace)]  # those that plotly was given when it drew the legend
-    what = f"{where}: {experiment.code()}"
     for i, (drawn, wanted) in enumerate(zip(data, fresh["data"], strict=True)):
         wrong = [key for key in wanted if not matches({key: drawn.get(key)}, {key: wanted[key]})]
         assert wrong == [], f"{what}: the page draws {wrong} of trace {i} otherwise than the model"
@@ -186,7 +196,6 @@ def check(bench: Bench, experiment: Experiment, apart: Fresh, where: str, faults
     written.sort(key=lambda card: not card["headline"])
     expected = [[c["text"], " · ".join([c["name"], *c["beside"]])] for c in written]
     assert bench.element.evaluate(CARDS) == expected, f"{what}: other cards"
-    faults += [f"{what}: {fault}" for fault in bench.element.evaluate(FAULTS)]
 
 
 def move(bench: Bench, parameter: Parameter, experiment: Experiment) -> Experiment:
@@ -211,9 +220,7 @@ def move(bench: Bench, parameter: Parameter, experiment: Experiment) -> Experime
 def pinned(bench: Bench, parameter: Parameter, before: Experiment) -> Experiment:
     """Pin what is shown, move one control, and take the pin away again; what the bench has to show then."""
     line = bench.find(".lab-pinned-code")
-    traces = (
-        "bench.querySelector('.js-plotly-plot').data.filter(trace => trace.x?.[0] !== null).length"  # none of the legend's own
-    )
+    traces = "bench.querySelector('.js-plotly-plot').data.filter(trace => trace.x?.[0] !== null).length"  # none of the legend's
     alone = bench.element.evaluate(f"bench => {traces}")
     bench.click(".lab-pin")
     after = move(bench, parameter, before)
@@ -280,14 +287,14 @@ def test_every_bench_draws_what_the_model_gives_and_fits(open_notebook, notebook
             faults.append(f"{notebook}: {start.code()}: {height:.0f} px high")
         moved = 0
         for parameter in start.parameters():
-            if parameter.name not in (without := experiment.without_effect()):
+            if parameter.name not in experiment.without_effect():
                 go = pinned if experiment == start else move
                 experiment = go(bench, parameter, experiment)
                 moved += 1
-                if moved == AT_ONCE[start.slow] or experiment.without_effect() != without:
+                if start.slow and moved % COMPARED:
+                    look(bench, experiment, notebook, faults)
+                else:
                     check(bench, experiment, apart, notebook, faults)
-                    moved = 0
-        settled(bench, experiment.code())
         check(bench, played(bench, experiment, apart), apart, notebook, faults)
         bench.click(".lab-reset")
         check(bench, start, apart, notebook, faults)
