@@ -70,12 +70,11 @@ LIFT = """() => {
     return plots.length >= opened && told && veils.length === 0 }"""
 SHUT_DOWN = "() => { window.jupyterapp?.shell?.currentWidget?.sessionContext?.shutdown() }"
 OPEN = "name => { window.jupyterapp.commands.execute('docmanager:open', { path: name, factory: 'Notebook' }) }"
-#: Close every notebook without a question and stop its kernel.
+#: Close every notebook and stop its kernel. Not by `close`: it asks whether to save what a cell that still runs has changed.
 CLOSE_ALL = """() => {
     const ends = [...window.jupyterapp.shell.widgets('main')].map(widget => {
-        if (widget.context?.model) widget.context.model.dirty = false;
         const end = widget.sessionContext?.shutdown().catch(() => {});
-        return Promise.resolve(end).then(() => widget.close());
+        return Promise.resolve(end).then(() => widget.dispose());
     });
     return Promise.race([Promise.all(ends), new Promise(over => setTimeout(over, 10_000))]).then(() => ends.length);
 }"""
