@@ -47,9 +47,9 @@ lab: $(LAB)
 	$(JUPYTER_ENV) $(VENV)/bin/python -m jupyterlab $(AS_ROOT) $(OFFLINE) $(QUICK) \
 	    --ServerApp.root_dir="$(CURDIR)" --LabApp.default_url=/lab/tree/$(NOTEBOOK)
 
-# A process per core, four at most; see tests/conftest.py.
+# How many processes: see tests/conftest.py.
 test: $(TOOLS)
-	$(VENV)/bin/python -m pytest -n auto --maxprocesses 4
+	$(VENV)/bin/python -m pytest -n auto
 
 check: $(TOOLS)
 	$(VENV)/bin/python -m ruff format --check .

@@ -1,8 +1,9 @@
 """The one test session: its order, and what several processes may share of it.
 
-Alone, fast tests come first, then notebooks, then the browser. `make test` has a process per core: the browser's tests of even
-and of odd notebooks, the cells of a notebook, the lines of the README, which read each other's files, the tests of one
-experiment, which share its run, and those that share a run of nbval stay together; the rest goes anywhere.
+Alone, fast tests come first, then notebooks, then the browser. `make test` has a process more than there are cores, four at
+most, since a test in the browser often waits for it: the browser's tests of even and of odd notebooks, the cells of a notebook,
+the lines of the README, which read each other's files, the tests of one experiment, which share its run, and those that share a
+run of nbval stay together; the rest goes anywhere.
 """
 
 import os
@@ -31,6 +32,11 @@ def _number(nodeid: str) -> str:
     """The number of the notebook that a browser test is about."""
     number = re.search(r"(?<!\d)\d\d(?=[._])", nodeid)
     return number[0] if number else ""
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_auto_num_workers() -> int:
+    return min((os.cpu_count() or 1) + 1, 4)
 
 
 @pytest.hookimpl(optionalhook=True)

@@ -6,7 +6,6 @@ picture behind; what can be played goes one step on; the bench is reset; lecture
 
 import json
 import re
-import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
@@ -84,6 +83,20 @@ STATE = """bench => [bench.isConnected, bench.querySelector('.lab-code').textCon
 PLACES = """bench => [...bench.querySelectorAll('.main-svg, .infolayer text, .lab-legend text')].map(e => {
     const { x, y, width, height } = e.getBoundingClientRect();
     return [x, y, width, height] })"""
+#: What does not fit or lies on what in lecture mode, once the picture fills its place and nothing moves any more; after five
+#: seconds in any case.
+AT_REST = f"""async bench => {{
+    const places = {PLACES}, faults = [{WINDOW_FAULTS}, {FAULTS}], end = performance.now() + 5000;
+    const size = css => bench.querySelector(css).getBoundingClientRect();
+    for (let before = ''; ; ) {{
+        await new Promise(requestAnimationFrame);
+        const now = JSON.stringify(places(bench)), place = size('.lab-picture'), picture = size('.main-svg');
+        const fills = Math.abs(place.width - picture.width) < 3 && Math.abs(place.height - picture.height) < 3;
+        const found = fills && now === before || performance.now() > end ? faults.flatMap(each => each(bench)) : ['not at rest'];
+        if (!found.length || performance.now() > end) return found;
+        before = now;
+    }}
+}}"""
 WINDOWS = ((1920, 1080), (1366, 768), (1600, 900))  # the last is that of the other tests
 HEIGHT = 720  # px, at most, of a bench at its defaults
 COMPARED = 4  # of a slow experiment only every fourth move is compared with the model; the page is looked at after each
@@ -256,14 +269,7 @@ def at_the_end(experiment: Experiment, apart: Fresh) -> bool:
 def lecture(bench: Bench, where: str, faults: list[str]) -> None:
     """Go into lecture mode and note what does not fit, once the picture has taken its place."""
     bench.click(".lab-lecture-switch")
-    before, end = None, time.monotonic() + 5
-    while True:
-        bench.page.wait_for_timeout(100)
-        places, found = bench.element.evaluate(PLACES), bench.element.evaluate(WINDOW_FAULTS) + bench.element.evaluate(FAULTS)
-        if (places == before and not found) or time.monotonic() > end:
-            break
-        before = places
-    faults += [f"{where}: {fault}" for fault in found]
+    faults += [f"{where}: {fault}" for fault in bench.element.evaluate(AT_REST)]
 
 
 @pytest.mark.parametrize("notebook", NOTEBOOKS)
