@@ -1,7 +1,9 @@
 """From a key press on a slider to the painted picture, in JupyterLab, beside two floors measured in the same page.
 
 Goal: median <= 70 ms and 95 % <= 120 ms for PriorityInversion, <= 100 and 150 for every other. The floors: a number that a
-slider sends to the kernel and that comes back into the page, and a `Plotly.react` that has nothing to do.
+slider sends to the kernel and that comes back into the page, and a `Plotly.react` that has nothing to do. Reported: least, median
+and 95 %; a machine that shares its cores with others changes its speed within milliseconds, by which the least of a floor and its
+median tell.
 """
 
 import re
@@ -66,13 +68,14 @@ NOTHING = """async figure => {
 }"""
 
 
-def quantiles(times: list[float]) -> tuple[float, float]:
+def quantiles(times: list[float]) -> tuple[float, float, float]:
+    """Least, median and 95 %."""
     times = sorted(times)
-    return round(statistics.median(times), 1), round(times[int(0.95 * len(times))], 1)
+    return round(times[0], 1), round(statistics.median(times), 1), round(times[int(0.95 * len(times))], 1)
 
 
-def move(page, control, moves: int, keys: tuple[str, str] = ("ArrowRight", "ArrowLeft")) -> tuple[float, float]:
-    """Press keys on a control, four of a kind, one after the other has been painted; median and 95 % in ms."""
+def move(page, control, moves: int, keys: tuple[str, str] = ("ArrowRight", "ArrowLeft")) -> tuple[float, float, float]:
+    """Press keys on a control, four of a kind, one after the other has been painted; quantiles in ms."""
     page.evaluate("() => { window.waits = [] }")
     handle = control.locator(".noUi-handle, input[type=checkbox]").first
     handle.focus()
@@ -113,7 +116,7 @@ def test_slider_to_picture(benchmark, open_notebook, name, tmp_path):
     benchmark.pedantic(press, rounds=1)
     found["echo"] = move(nb.page, nb.page.locator(".lab-echo-slider"), MOVES)
     found["empty react"] = quantiles(figure.evaluate(NOTHING))
-    benchmark.extra_info |= {f"{what}, median and 95 % in ms": times for what, times in found.items()}
+    benchmark.extra_info |= {f"{what}, least, median and 95 % in ms": times for what, times in found.items()}
     print("\n", name, found)
 
 
@@ -133,5 +136,5 @@ def test_a_window_of_ten_kilohertz(benchmark, open_notebook):
     benchmark.pedantic(press, rounds=1)
     found["simulated anew, key to painted"] = move(nb.page, bench.locator(".lab-caches"), MOVES, ("Space", "Space"))
     found["empty react"] = quantiles(figure.evaluate(NOTHING))
-    benchmark.extra_info |= {f"{what}, median and 95 % in ms": times for what, times in found.items()}
+    benchmark.extra_info |= {f"{what}, least, median and 95 % in ms": times for what, times in found.items()}
     print("\n 10 kHz", found)
