@@ -5,7 +5,7 @@
 const isKey = ({ x }) => x?.length === 1 && x[0] === null;
 
 const ENTRY = ["type", "mode", "name", "visible", "opacity", "marker", "line", "fill", "fillcolor", "showlegend"];  // what an entry is drawn from
-const first = (_, value) => (Array.isArray(value) || ArrayBuffer.isView(value) ? value[0] : value);
+const first = (_, value) => (isArray(value) ? value[0] : value);
 
 // The legend of `figure`; `redraw` is called when a reader has clicked on an entry, which hides what has its name or shows it again.
 const legendOf = (figure, redraw) => {
