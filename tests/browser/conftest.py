@@ -129,13 +129,10 @@ class Notebook:
         return handle
 
     def figure(self, index: int = 0) -> Locator:
-        """The plotly figure by its place in the page: scrolled to, as what is out of sight is not drawn, and drawn."""
-        if self.page.locator(".lab-picture").count():
-            place = self.page.locator(".lab-picture").nth(index)
-            place.scroll_into_view_if_needed()
-            figure = place.locator(".js-plotly-plot")
-        else:
-            figure = self.page.locator(".js-plotly-plot").nth(index)
+        """The plotly figure of a bench by its place in the page: scrolled to, as what is out of sight is not drawn, and drawn."""
+        place = self.page.locator(".lab-picture").nth(index)
+        place.scroll_into_view_if_needed()
+        figure = place.locator(".js-plotly-plot")
         figure.locator(".main-svg").first.wait_for()
         return figure
 

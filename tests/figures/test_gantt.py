@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from labkit.figures.cursor import happening
 from labkit.figures.gantt import MOST, gantt
 from labkit.figures.history import BEYOND, EXCEPTION, MAIN, History
-from labkit.figures.style import MISS, TASK_COLOURS, colours
+from labkit.figures.style import MISS, READY, TASK_COLOURS, colours
 from labkit.kernel import Costs, Kernel
 from labkit.scheduler.periodic import simulate
 from labkit.scheduler.tasksets import PeriodicTask, TaskPair
@@ -124,11 +124,14 @@ def test_the_number_of_traces_depends_on_the_rows_only(rows, seed):
 
 def test_bars_stand_where_the_jobs_ran():
     panel = gantt(periodic([(2, 5, 0), (4, 7, 0)]), ("t0", "t1"), 0, 35)
-    ready, _, main = bars(panel)
-    assert main["base"][:3].tolist() == [0, 2, 5]
+    _, plain = bars(panel)
+    ready, main = (np.flatnonzero(chosen) for chosen in (plain["width"] < 0.2, plain["width"] > 0.2))
     first, second = colours(("t0", "t1")).values()
-    assert main["y"][:3].tolist() == [0, -1, 0] and main["marker"]["color"][:3] == [first, second, first]
-    assert ready["base"][0] == 0 and ready["x"][0] == 2 and ready["y"][0] == -1
+    assert plain["base"][main[:3]].tolist() == [0, 2, 5] and plain["y"][main[:3]].tolist() == [0, -1, 0]
+    assert [plain["marker"]["color"][at] for at in main[:3]] == [first, second, first]
+    at = ready[0]
+    assert (plain["base"][at], plain["x"][at], plain["y"][at], plain["customdata"][at]) == (0, 2, -1, "ready")
+    assert plain["marker"]["color"][at] == READY["color"]
 
 
 @pytest.mark.parametrize("window", [(0, 200), (50, 150)])
