@@ -53,8 +53,7 @@ def test_priority_inversion(run_notebook):
     expect(bench.locator(".lab-code")).to_have_text("PriorityInversion()")
     assert changed(nb, figure, after) is not None
 
-    run = figure.locator(".trace.bars").filter(has=nb.page.locator("path[style*='rgb(0, 114, 178)']")).first.locator("path").first
-    box = run.bounding_box()
+    box = figure.locator(".trace.bars path[style*='rgb(0, 114, 178)']").first.bounding_box()
     nb.page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
     expect(figure.locator(".hoverlayer")).to_contain_text("L runs")
 
