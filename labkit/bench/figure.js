@@ -46,7 +46,7 @@ const arraysOf = (given, path = "") => Object.entries(given).flatMap(([name, val
 });
 
 // To tell a reader about a point, plotly wants to know which attributes of a trace are arrays, and at every drawing looks for them
-// through all that there are, a tenth of its time. They are among those that came as arrays.
+// through all that there are, a tenth of its time. They are among those that came as arrays; what is inside `meta` is not plotly's.
 const findArrays = ({ PlotSchema }) => {
     const known = {};
     PlotSchema.findArrayAttributes = (trace) => arraysOf({ ...trace._input, meta: null }).filter((name) => {

@@ -242,7 +242,7 @@ def _readiness(view: _View, ready: Table) -> Spec:
 
 
 def _together(kinds: Sequence[Spec]) -> Spec:
-    """Bars that differ in width and colour only, as one trace, which costs plotly as much as ten bars."""
+    """Bars that differ in width and colour only, as one trace: each trace takes plotly a millisecond, however few its bars."""
     marker = {**kinds[0]["marker"], "color": [colour for kind in kinds for colour in kind["marker"]["color"]]}
     return {
         **kinds[0],

@@ -1,8 +1,8 @@
 """From a gesture in a picture of a million slices to the picture painted for it, beside floors measured in the same page.
 
-Goal: <= 100 ms from letting go of the mouse, or a turn of the wheel, to the last paint, where a core is free; and
-one drawing for each, which is demanded. Reported: least, median and 95 %. The floors: a number that goes to the
-kernel and comes back, a `Plotly.react` that has nothing to do, and one that draws the same picture anew.
+Goal: <= 100 ms from letting go of the mouse, or a turn of the wheel, to the last paint, where a core is free; and one drawing for
+each, which is demanded. Reported: least, median and 95 %. The floors: a number that goes to the kernel and comes back, a
+`Plotly.react` that has nothing to do, and one that draws the same picture anew.
 """
 
 from collections.abc import Callable
